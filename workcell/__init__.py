@@ -1,0 +1,1 @@
+"""workcell: a MuJoCo-simulated manipulation workcell with verified inverse kinematics in the loop."""

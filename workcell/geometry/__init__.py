@@ -1,0 +1,1 @@
+"""Convex pieces, sphere covers, free space and clearances."""

@@ -1,0 +1,115 @@
+"""What the geometry layer hands upwards: convex pieces, sphere covers, free space. Data only; the makers are beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workcell.errors import InputError
+from workcell.pose import Array, Pose, read_only
+
+PieceKind = Literal["box", "sphere", "capsule", "cylinder", "ellipsoid", "halfspace", "hull"]
+
+_SIZES: dict[str, int] = {"box": 3, "sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "halfspace": 0, "hull": 0}
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """A convex solid with a pose.
+
+    Attributes:
+        name: the geom's name, for messages.
+        kind: box, sphere, capsule, cylinder, ellipsoid, halfspace (solid where local z <= 0) or hull.
+        pose: `T_frame_piece`; the frame is the world for obstacles, the link for robot geometry.
+        size: box half sizes (3,); sphere [r]; capsule and cylinder [r, half length of the straight part along z];
+            ellipsoid semi-axes (3,); halfspace and hull: empty.
+        vertices: (k, 3) in the piece's frame for a hull, else None.
+    """
+
+    name: str
+    kind: PieceKind
+    pose: Pose
+    size: Array
+    vertices: Array | None = None
+
+    def __post_init__(self) -> None:
+        size = np.asarray(self.size, dtype=float).reshape(-1)
+        if self.kind not in _SIZES:
+            raise InputError(f"unknown kind of piece {self.kind!r}", where=self.name, remedy=", ".join(_SIZES))
+        if size.shape != (_SIZES[self.kind],) or not np.all(np.isfinite(size)) or np.any(size <= 0):
+            raise InputError(
+                f"a {self.kind} takes {_SIZES[self.kind]} positive sizes, not {size.tolist()}", where=self.name
+            )
+        object.__setattr__(self, "size", read_only(size))
+        if self.kind == "hull":
+            vertices = np.asarray(self.vertices, dtype=float)
+            if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) < 4 or not np.all(np.isfinite(vertices)):
+                raise InputError("a hull takes at least four finite vertices (k, 3)", where=self.name)
+            object.__setattr__(self, "vertices", read_only(vertices))
+
+
+@dataclass(frozen=True, slots=True)
+class SphereCover:
+    """Spheres that stand for a robot (in link frames) or for obstacles (link 0 is the world).
+
+    Attributes:
+        link: (m,) index of the link that carries each sphere.
+        centre: (m, 3) metres in the link frame.
+        radius: (m,) metres.
+        kind: `outer` covers the geometry, `inner` lies inside it, `given` is the truth itself (problem-set files).
+        overshoot: (m,) metres by which each sphere may stick out of the geometry it covers (outer), else zeros.
+        source: (m,) name of the piece each sphere covers, or empty.
+    """
+
+    link: NDArray[np.int64]
+    centre: Array
+    radius: Array
+    kind: Literal["outer", "inner", "given"] = "given"
+    overshoot: Array | None = None
+    source: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "link", read_only(self.link, np.int64))
+        object.__setattr__(self, "centre", read_only(np.asarray(self.centre, dtype=float).reshape(-1, 3)))
+        object.__setattr__(self, "radius", read_only(self.radius))
+        overshoot = np.zeros(len(self.radius)) if self.overshoot is None else self.overshoot
+        object.__setattr__(self, "overshoot", read_only(overshoot))
+        if not len(self.link) == len(self.centre) == len(self.radius):
+            raise InputError("link, centre and radius of a sphere cover must have the same length")
+        if np.any(~np.isfinite(self.centre)) or np.any(~np.isfinite(self.radius)) or np.any(self.radius <= 0):
+            raise InputError("a sphere cover takes finite centres and positive radii")
+
+    def __len__(self) -> int:
+        return len(self.radius)
+
+    def centres_world(self, link_transforms: Array) -> Array:
+        """World centres (..., m, 3), given `Robot.link_transforms(q)` (..., n + 1, 4, 4)."""
+        T = link_transforms[..., self.link, :, :]
+        moved: Array = np.einsum("...mij,mj->...mi", T[..., :3, :3], self.centre) + T[..., :3, 3]
+        return moved
+
+
+@dataclass(frozen=True, slots=True)
+class FreeSpace:
+    """Axis-aligned cuboids in the world frame, each proved disjoint from every obstacle piece.
+
+    Attributes:
+        lower, upper: (k, 3) corners in metres.
+        covered_fraction: measured share of the reachable free workspace inside, or nan when not measured.
+    """
+
+    lower: Array
+    upper: Array
+    covered_fraction: float = float("nan")
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "lower", read_only(np.asarray(self.lower, dtype=float).reshape(-1, 3)))
+        object.__setattr__(self, "upper", read_only(np.asarray(self.upper, dtype=float).reshape(-1, 3)))
+        if self.lower.shape != self.upper.shape or np.any(self.lower > self.upper):
+            raise InputError("a cuboid's lower corner must not exceed its upper one")
+
+    def __len__(self) -> int:
+        return len(self.lower)

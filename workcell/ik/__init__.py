@@ -1,0 +1,1 @@
+"""Inverse kinematics: problems, solvers, certificates, and the verification that alone awards `SOLVED`."""

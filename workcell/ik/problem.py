@@ -1,0 +1,104 @@
+"""`IKProblem`: one question to a solver, and what counts as an answer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from workcell.errors import InputError
+from workcell.geometry.types import FreeSpace, Piece, SphereCover
+from workcell.model.robot import Robot
+from workcell.pose import Array, Pose, read_only
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerances:
+    """When a configuration reaches its target: metres, radians, and the clearance it must keep (metres)."""
+
+    position: float = 1e-4
+    rotation: float = 1e-3
+    safety_margin: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (self.position > 0 and self.rotation > 0 and np.isfinite(self.safety_margin)):
+            raise InputError("tolerances must be positive and the safety margin finite", where="tolerances")
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """How much a solver may spend on one problem: CPU seconds (of the process), or fewer."""
+
+    cpu_s: float = 5.0
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.cpu_s) and self.cpu_s >= 0):
+            raise InputError(f"a budget of {self.cpu_s} s makes no sense", where="budget", remedy="a finite number >= 0")
+
+
+@dataclass(frozen=True, slots=True)
+class Clearance:
+    """Smallest signed distance (metres) and the two bodies, geoms or spheres that have it."""
+
+    distance: float
+    pair: tuple[str, str] = ("", "")
+
+
+class CollisionChecker(Protocol):
+    """The truth about collisions for one problem (the compiled model, or the exact kernel)."""
+
+    def __call__(self, q: Array) -> Clearance:
+        """Smallest clearance at configuration `q` of the problem's serial robot."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class IKProblem:
+    """Bring a serial robot's tool to a pose, clear of obstacles.
+
+    Attributes:
+        robot: serial (`Robot.chain(tool)`); its default tool is the one to place.
+        target: `T_world_tool`.
+        obstacles: convex pieces in the world frame.
+        cover: spheres that stand for the robot in the solvers' model; None: no collision avoidance.
+        free_space: cuboids free of obstacles, for the solvers that need them; None: they make their own.
+        checker: the truth about collisions that `verify` asks; None: the exact kernel on `cover` and `obstacles`.
+        q_reference: a configuration to stay near, and from which `max_step` is measured; None: anywhere.
+        max_step: largest change of each joint against `q_reference` (scalar or (n,)), radians; None: no bound.
+        max_link_rotation: bound r_b of Eq. 75 on the Frobenius change of each link's world rotation; None: no bound.
+        tolerances: what counts as reached.
+    """
+
+    robot: Robot
+    target: Pose
+    obstacles: tuple[Piece, ...] = ()
+    cover: SphereCover | None = None
+    free_space: FreeSpace | None = None
+    checker: CollisionChecker | Callable[[Array], Clearance] | None = None
+    q_reference: Array | None = None
+    max_step: Array | float | None = None
+    max_link_rotation: float | None = None
+    tolerances: Tolerances = field(default_factory=Tolerances)
+
+    def __post_init__(self) -> None:
+        if not self.robot.is_serial:
+            raise InputError(
+                f"{self.robot.name} is a tree", where="robot", remedy="pass robot.chain(tool), the joints up to one tool"
+            )
+        if self.q_reference is not None:
+            reference = self.robot.configuration(self.q_reference, where="q_reference")
+            object.__setattr__(self, "q_reference", read_only(reference))
+        if self.max_step is not None:
+            if self.q_reference is None:
+                raise InputError("max_step needs q_reference", where="max_step")
+            step = np.broadcast_to(np.asarray(self.max_step, dtype=float), (self.robot.dof,))
+            if np.any(~np.isfinite(step)) or np.any(step <= 0):
+                raise InputError("max_step must be positive", where="max_step")
+            object.__setattr__(self, "max_step", read_only(step))
+
+    @property
+    def T_base_tool(self) -> Pose:
+        """The target seen from the robot's base."""
+        return self.robot.T_world_base.inverse() @ self.target

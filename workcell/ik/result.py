@@ -1,0 +1,112 @@
+"""`Status`, `IKResult` and what solvers hand to `verify`: only `verify` awards `SOLVED`, only a re-checked certificate a "no"."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from workcell.errors import NotSolvedError
+from workcell.ik.certificate import Certificate
+from workcell.ik.problem import Clearance
+from workcell.pose import Array, read_only
+
+
+class Status(enum.Enum):
+    """How a query ended; `sentence` says what that means and what to do."""
+
+    SOLVED = "SOLVED"
+    UNREACHABLE = "UNREACHABLE"
+    BLOCKED = "BLOCKED"
+    BLOCKED_IN_MODEL = "BLOCKED_IN_MODEL"
+    NOT_FOUND = "NOT_FOUND"
+    SOLVER_ERROR = "SOLVER_ERROR"
+
+    @property
+    def sentence(self) -> str:
+        """The status in words, with its remedy."""
+        return _SENTENCES[self]
+
+    @property
+    def is_proof(self) -> bool:
+        """Whether the status says that no solution exists (in the scope it names)."""
+        return self in (Status.UNREACHABLE, Status.BLOCKED, Status.BLOCKED_IN_MODEL)
+
+
+_SENTENCES = {
+    Status.SOLVED: "A configuration that reaches the target clear of obstacles was found and independently verified.",
+    Status.UNREACHABLE: "Kinematics alone forbids the target: no configuration within the joint limits reaches it. "
+    "Move the target or the robot's base, or widen the joint limits.",
+    Status.BLOCKED: "Obstacles forbid the target: every configuration that reaches it collides. Move the target or an obstacle.",
+    Status.BLOCKED_IN_MODEL: "No configuration exists in the conservative model (outer spheres, inner free space); "
+    "the real geometry may still allow one. Use a finer sphere cover or more free-space cuboids.",
+    Status.NOT_FOUND: "The budget was spent without a solution and without a proof that there is none. "
+    "Raise the budget, try another seed or solver.",
+    Status.SOLVER_ERROR: "The numerical solver failed. Try another solver, and please report the problem.",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """What a solver proposes, before anybody has checked it.
+
+    Attributes:
+        q: (n,) a configuration believed to solve the problem, or None.
+        certificate: a proof that there is none, or None.
+        stats: numbers about the work done (iterations, restarts, SDPs, residuals ...).
+        rejected: why near misses failed, in words.
+        error: a numerical failure, in words, or None.
+    """
+
+    q: Array | None = None
+    certificate: Certificate | None = None
+    stats: Mapping[str, float] = field(default_factory=dict)
+    rejected: tuple[str, ...] = ()
+    error: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class IKResult:
+    """The answer to an `IKProblem`.
+
+    Attributes:
+        status: see `Status`.
+        q: (n,) the verified configuration, or None.
+        position_error: metres at `q`; nan without one.
+        rotation_error: radians at `q`; nan without one.
+        clearance: smallest signed distance at `q` and the pair that has it.
+        certificate: the re-checked proof behind a "no", or None.
+        solver: the name of the solver that found the answer.
+        stats: numbers about the work done, `cpu_s` and `time_s` among them.
+        rejected: why near misses failed, in words.
+    """
+
+    status: Status
+    solver: str
+    q: Array | None = None
+    position_error: float = float("nan")
+    rotation_error: float = float("nan")
+    clearance: Clearance = Clearance(float("nan"))
+    certificate: Certificate | None = None
+    stats: Mapping[str, float] = field(default_factory=dict)
+    rejected: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.q is not None:
+            object.__setattr__(self, "q", read_only(self.q))
+        object.__setattr__(self, "stats", MappingProxyType(dict(self.stats)))
+
+    @property
+    def solved(self) -> bool:
+        """Whether there is a verified configuration."""
+        return self.status is Status.SOLVED
+
+    def unwrap(self) -> Array:
+        """The verified configuration (n,); raises NotSolvedError with the status's sentence otherwise."""
+        if self.q is None or self.status is not Status.SOLVED:
+            because = f" Rejected: {'; '.join(self.rejected[:3])}." if self.rejected else ""
+            raise NotSolvedError(f"{self.status.value}: {self.status.sentence}{because}")
+        return np.array(self.q)

@@ -1,0 +1,311 @@
+"""`Robot`: a kinematic tree of revolute and prismatic joints, with limits, tools and a base pose, in plain numpy.
+
+A robot comes from a compiled MuJoCo model (`workcell.model.load`) or from a problem-set file
+(`workcell.bench.problems`); from then on no solver needs to know which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workcell.errors import InputError, ModelError, UnknownNameError
+from workcell.pose import Array, Pose, axis_angle_to_matrix, read_only
+
+LIMIT_SLACK = 1e-6
+"""Radians (metres) by which a configuration may exceed its limits and still count as inside them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tool:
+    """A named frame fixed to a link."""
+
+    name: str
+    link: int
+    T_link_tool: Pose
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """A kinematic tree. Link 0 is the base; joint k (from 0) moves link k + 1.
+
+    The pose of link k + 1 is `T_parent * Trans(joint_xyz[k]) * joint_rotation[k] * motion(axis[k], q[k])`, with
+    the parent link `parents[k] <= k`. For n joints:
+
+    Attributes:
+        name: the robot's name.
+        joint_names: n names.
+        link_names: n + 1 names, base first.
+        parents: (n,) index of the link that carries each joint.
+        joint_xyz: (n, 3) metres, joint frame in the parent link.
+        joint_rotation: (n, 3, 3), joint frame in the parent link.
+        axis: (n, 3) unit vectors in the joint frame.
+        prismatic: (n,) bool; False means revolute.
+        lower, upper: (n,) radians or metres.
+        velocity, acceleration, effort: (n,) largest absolute values; inf where unknown.
+        tools: by name; `default_tool` is used where none is named.
+        T_world_base: pose of link 0.
+        home: (n,) a configuration inside the limits.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    link_names: tuple[str, ...]
+    parents: NDArray[np.int64]
+    joint_xyz: Array
+    joint_rotation: Array
+    axis: Array
+    prismatic: NDArray[np.bool_]
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    effort: Array
+    tools: Mapping[str, Tool]
+    default_tool: str
+    T_world_base: Pose = field(default_factory=Pose.identity)
+    home: Array = field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        n = len(self.joint_names)
+        if n == 0:
+            raise ModelError(f"the robot {self.name!r} has no actuated joint", remedy="a robot needs at least one")
+        for name in ("joint_xyz", "joint_rotation", "axis", "lower", "upper", "velocity", "acceleration", "effort"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        object.__setattr__(self, "parents", read_only(self.parents, np.int64))
+        object.__setattr__(self, "prismatic", read_only(self.prismatic, np.bool_))
+        object.__setattr__(self, "tools", MappingProxyType(dict(self.tools)))
+        home = np.asarray(self.home, dtype=float)
+        if home.size == 0:
+            home = np.zeros(n)
+        object.__setattr__(self, "home", read_only(np.clip(home, self.lower, self.upper)))
+        self._validate(n)
+
+    def _validate(self, n: int) -> None:
+        if len(self.link_names) != n + 1:
+            raise ModelError(f"the robot {self.name!r} has {n} joints but {len(self.link_names)} links")
+        if np.any(self.parents > np.arange(n)) or np.any(self.parents < 0):
+            raise ModelError(f"the robot {self.name!r} must list its joints parent first")
+        for k, joint in enumerate(self.joint_names):
+            if not (np.isfinite(self.lower[k]) and np.isfinite(self.upper[k])) or self.lower[k] > self.upper[k]:
+                raise ModelError(
+                    f"the limits of joint {joint!r} are [{self.lower[k]}, {self.upper[k]}]",
+                    where=self.name,
+                    remedy="lower and upper must be finite, with lower <= upper",
+                )
+            if abs(np.linalg.norm(self.axis[k]) - 1.0) > 1e-6:
+                raise ModelError(f"the axis of joint {joint!r} is not a unit vector", where=self.name)
+        if self.default_tool not in self.tools:
+            raise UnknownNameError("tool", self.default_tool, self.tools, where=self.name)
+
+    @property
+    def dof(self) -> int:
+        """Number of actuated joints."""
+        return len(self.joint_names)
+
+    @property
+    def is_serial(self) -> bool:
+        """Whether every joint sits on the link that the previous one moves."""
+        return bool(np.array_equal(self.parents, np.arange(self.dof)))
+
+    @property
+    def joint_limits(self) -> Array:
+        """(n, 2) lower and upper limits."""
+        return np.stack([self.lower, self.upper], axis=1)
+
+    def tool(self, name: str | None = None) -> Tool:
+        """The tool of that name, or the default one; raises UnknownNameError."""
+        name = self.default_tool if name is None else name
+        if name not in self.tools:
+            raise UnknownNameError("tool", name, self.tools, where=self.name)
+        return self.tools[name]
+
+    def configuration(self, q: ArrayLike | Mapping[str, float], *, where: str = "q") -> Array:
+        """`q` as an (n,) array, checked: right size, finite. A mapping is by joint name; joints left out are at home.
+
+        Raises:
+            InputError: wrong size or not finite; UnknownNameError: an unknown joint.
+        """
+        if isinstance(q, Mapping):
+            values = np.array(self.home)
+            for joint, value in q.items():
+                if joint not in self.joint_names:
+                    raise UnknownNameError("joint", joint, self.joint_names, where=where)
+                values[self.joint_names.index(joint)] = value
+            q = values
+        array = np.asarray(q, dtype=float)
+        if array.shape != (self.dof,):
+            raise InputError(
+                f"{self.name} takes {self.dof} joint values, not an array of shape {array.shape}",
+                where=where,
+                remedy=f"in this order: {', '.join(self.joint_names)}",
+            )
+        if not np.all(np.isfinite(array)):
+            raise InputError(f"joint values are not finite: {array.tolist()}", where=where)
+        return array
+
+    def check_limits(self, q: ArrayLike, *, where: str = "q") -> None:
+        """Raise InputError, naming the joints, where `q` lies outside the limits by more than `LIMIT_SLACK`."""
+        values = self.configuration(np.asarray(q, dtype=float), where=where)
+        outside = (values < self.lower - LIMIT_SLACK) | (values > self.upper + LIMIT_SLACK)
+        if np.any(outside):
+            listed = "; ".join(
+                f"{self.joint_names[k]} = {values[k]:.4f} outside [{self.lower[k]:.4f}, {self.upper[k]:.4f}]"
+                for k in np.flatnonzero(outside)
+            )
+            raise InputError(f"{self.name} is outside its joint limits: {listed}", where=where)
+
+    def within_limits(self, q: ArrayLike) -> NDArray[np.bool_]:
+        """Whether configurations (..., n) keep the limits, with `LIMIT_SLACK`."""
+        q = np.asarray(q, dtype=float)
+        inside: NDArray[np.bool_] = np.all(
+            (q >= self.lower - LIMIT_SLACK) & (q <= self.upper + LIMIT_SLACK), axis=-1
+        )
+        return inside
+
+    def unwrap(self, q: ArrayLike, reference: ArrayLike | None = None) -> Array:
+        """Move revolute angles by whole turns into their limits; with a reference, to the admissible turn nearest it."""
+        q = np.array(q, dtype=float)
+        centre = 0.5 * (self.lower + self.upper) if reference is None else np.asarray(reference, dtype=float)
+        turn = 2 * np.pi
+        near = q - turn * np.round((q - centre) / turn)
+        near = np.where(near < self.lower - LIMIT_SLACK, near + turn, near)
+        near = np.where(near > self.upper + LIMIT_SLACK, near - turn, near)
+        return np.where(self.prismatic, q, near)
+
+    def random_configuration(self, rng: np.random.Generator, size: int | None = None) -> Array:
+        """Uniform in the limits: (n,), or (size, n)."""
+        shape = (self.dof,) if size is None else (size, self.dof)
+        return rng.uniform(self.lower, self.upper, size=shape)
+
+    def link_transforms(self, q: ArrayLike) -> Array:
+        """World poses of all links, (..., n + 1, 4, 4), for configurations (..., n)."""
+        q = np.asarray(q, dtype=float)
+        batch = q.shape[:-1]
+        T = np.zeros((*batch, self.dof + 1, 4, 4))
+        T[..., 3, 3] = 1.0
+        T[..., 0, :, :] = self.T_world_base.matrix
+        motion = self._joint_transforms(q)
+        for k in range(self.dof):
+            T[..., k + 1, :, :] = T[..., int(self.parents[k]), :, :] @ motion[..., k, :, :]
+        return T
+
+    def _joint_transforms(self, q: Array) -> Array:
+        angle = np.where(self.prismatic, 0.0, q)
+        slide = np.where(self.prismatic, q, 0.0)
+        M = np.zeros((*q.shape, 4, 4))
+        M[..., 3, 3] = 1.0
+        M[..., :3, :3] = self.joint_rotation @ axis_angle_to_matrix(self.axis, angle)
+        direction = np.einsum("kij,kj->ki", self.joint_rotation, self.axis)
+        M[..., :3, 3] = self.joint_xyz + slide[..., None] * direction
+        return M
+
+    def fk_transform(self, q: ArrayLike, tool: str | None = None) -> Array:
+        """World tool poses (..., 4, 4) for configurations (..., n)."""
+        frame = self.tool(tool)
+        pose: Array = self.link_transforms(q)[..., frame.link, :, :] @ frame.T_link_tool.matrix
+        return pose
+
+    def fk(self, q: ArrayLike, tool: str | None = None) -> Pose:
+        """World tool pose `T_world_tool` at one configuration (n,)."""
+        T = self.fk_transform(self.configuration(np.asarray(q, dtype=float)), tool)
+        return Pose.from_matrix(T)
+
+    def jacobian(self, q: ArrayLike, tool: str | None = None) -> Array:
+        """Geometric Jacobian (..., 6, n) in the world frame: rows are linear, then angular velocity of the tool."""
+        frame = self.tool(tool)
+        T = self.link_transforms(q)
+        tip = (T[..., frame.link, :, :] @ frame.T_link_tool.matrix)[..., :3, 3]
+        return self.point_jacobian(T, frame.link, tip)
+
+    def point_jacobian(self, T: Array, link: int, point: Array) -> Array:
+        """Jacobian (..., 6, n) of a world point (..., 3) carried by `link`, given `T = link_transforms(q)`."""
+        J = np.zeros((*T.shape[:-3], 6, self.dof))
+        for k in self.path_to(link):
+            z = T[..., k + 1, :3, :3] @ self.axis[k]
+            if self.prismatic[k]:
+                J[..., :3, k] = z
+            else:
+                J[..., :3, k] = np.cross(z, point - T[..., k + 1, :3, 3])
+                J[..., 3:, k] = z
+        return J
+
+    def path_to(self, link: int) -> tuple[int, ...]:
+        """Joints between the base and `link`, base first."""
+        path = []
+        while link > 0:
+            path.append(link - 1)
+            link = int(self.parents[link - 1])
+        return tuple(reversed(path))
+
+    def chain(self, tool: str | None = None) -> Robot:
+        """The serial robot of the joints between the base and a tool: what the IK solvers take.
+
+        A robot that is serial up to its tool is returned with that tool as default; other joints are dropped
+        (they stay at home for whoever checks the whole robot).
+        """
+        frame = self.tool(tool)
+        path = self.path_to(frame.link)
+        if not path:
+            raise InputError(f"no joint of {self.name} moves the tool {frame.name!r}", where="tool")
+        if path == tuple(range(self.dof)):
+            return replace(self, default_tool=frame.name)
+        kept = np.array(path)
+        index = {0: 0} | {k + 1: i + 1 for i, k in enumerate(path)}
+        tools = {t.name: replace(t, link=index[t.link]) for t in self.tools.values() if t.link in index}
+        arrays = ("joint_xyz", "joint_rotation", "axis", "prismatic", "lower", "upper", "velocity", "acceleration", "effort", "home")  # fmt: skip
+        return replace(
+            self,
+            joint_names=tuple(self.joint_names[k] for k in path),
+            link_names=(self.link_names[0], *(self.link_names[k + 1] for k in path)),
+            parents=np.arange(len(path)),
+            tools=tools,
+            default_tool=frame.name,
+            **{name: getattr(self, name)[kept] for name in arrays},
+        )
+
+    def reach(self, tool: str | None = None) -> float:
+        """Upper bound in metres on the distance between the first joint's origin and the tool (triangle inequality)."""
+        chain = self.chain(tool)
+        frame = chain.tool()
+        travel = np.where(chain.prismatic, np.maximum(np.abs(chain.lower), np.abs(chain.upper)), 0.0)
+        links = np.linalg.norm(chain.joint_xyz[1:], axis=1).sum() + np.linalg.norm(frame.T_link_tool.position)
+        return float(links + travel.sum())
+
+
+def serial_robot(
+    name: str,
+    joints: Sequence[Mapping[str, object]],
+    T_link_tool: Pose,
+) -> Robot:
+    """A serial revolute robot from joint dictionaries with `name, xyz, quat, axis, lower, upper` (problem-set files)."""
+    n = len(joints)
+
+    def column(key: str) -> Array:
+        return np.array([joint[key] for joint in joints], dtype=float)
+
+    from workcell.pose import quat_to_matrix
+
+    names = tuple(str(joint["name"]) for joint in joints)
+    unlimited = np.full(n, np.inf)
+    return Robot(
+        name=name,
+        joint_names=names,
+        link_names=("base", *(f"link{k + 1}" for k in range(n))),
+        parents=np.arange(n),
+        joint_xyz=column("xyz"),
+        joint_rotation=quat_to_matrix(column("quat")),
+        axis=column("axis"),
+        prismatic=np.zeros(n, dtype=bool),
+        lower=column("lower"),
+        upper=column("upper"),
+        velocity=unlimited,
+        acceleration=unlimited,
+        effort=unlimited,
+        tools={"tool": Tool("tool", n, T_link_tool)},
+        default_tool="tool",
+    )

@@ -1,0 +1,1 @@
+"""From configurations to continuous, collision-free, timed motion."""

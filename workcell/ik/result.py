@@ -89,7 +89,7 @@ class IKResult:
     q: Array | None = None
     position_error: float = float("nan")
     rotation_error: float = float("nan")
-    clearance: Clearance = Clearance(float("nan"))
+    clearance: Clearance = field(default_factory=lambda: Clearance(float("nan")))
     certificate: Certificate | None = None
     stats: Mapping[str, float] = field(default_factory=dict)
     rejected: tuple[str, ...] = ()

@@ -73,8 +73,19 @@ class Robot:
     def __post_init__(self) -> None:
         n = len(self.joint_names)
         if n == 0:
-            raise ModelError(f"the robot {self.name!r} has no actuated joint", remedy="a robot needs at least one")
-        for name in ("joint_xyz", "joint_rotation", "axis", "lower", "upper", "velocity", "acceleration", "effort"):
+            raise ModelError(
+                f"the robot {self.name!r} has no actuated joint", remedy="a robot needs at least one"
+            )
+        for name in (
+            "joint_xyz",
+            "joint_rotation",
+            "axis",
+            "lower",
+            "upper",
+            "velocity",
+            "acceleration",
+            "effort",
+        ):
             object.__setattr__(self, name, read_only(getattr(self, name)))
         object.__setattr__(self, "parents", read_only(self.parents, np.int64))
         object.__setattr__(self, "prismatic", read_only(self.prismatic, np.bool_))
@@ -91,7 +102,10 @@ class Robot:
         if np.any(self.parents > np.arange(n)) or np.any(self.parents < 0):
             raise ModelError(f"the robot {self.name!r} must list its joints parent first")
         for k, joint in enumerate(self.joint_names):
-            if not (np.isfinite(self.lower[k]) and np.isfinite(self.upper[k])) or self.lower[k] > self.upper[k]:
+            if (
+                not (np.isfinite(self.lower[k]) and np.isfinite(self.upper[k]))
+                or self.lower[k] > self.upper[k]
+            ):
                 raise ModelError(
                     f"the limits of joint {joint!r} are [{self.lower[k]}, {self.upper[k]}]",
                     where=self.name,

@@ -1,0 +1,275 @@
+"""From a task file or a cell to a compiled `Scene`: robots and objects are attached with `MjSpec.attach`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from workcell.errors import InputError, ModelError, UnknownNameError
+from workcell.model.compiled import actuator_of_joint, link_bodies, robot_from_model
+from workcell.model.data import find_asset, find_task, list_assets, list_tasks
+from workcell.model.load import compile_spec, load_spec
+from workcell.model.scene import Goal, Scene, SceneObject, SceneRobot, site_pose
+from workcell.model.taskfile import ObjectEntry, RobotEntry, TaskFile, read_task_file
+from workcell.pose import Pose
+
+if TYPE_CHECKING:
+    import mujoco
+
+GRASP = "grasp:{robot}:{object}"
+"""Name of the weld, inactive at first, that holds an object to a robot's hand once the simulation grasps it."""
+
+
+def build_scene(source: str | Path, robot: str | None) -> Scene:
+    """See `Scene.load`."""
+    task = _task_of(source, robot)
+    spec = load_spec(task.cell, kind="cells", relative_to=task.path.parent)
+    homes = {entry.name: _attach_robot(spec, entry, task) for entry in task.robots}
+    for entry in task.objects:
+        _attach_object(spec, entry, task)
+    if not task.robots:
+        task = _robots_inside(spec, task)
+    _add_grasp_welds(spec, task)
+    model = compile_spec(spec, task.path)
+    robots = {
+        entry.name: _scene_robot(model, entry, homes.get(entry.name, {}), task) for entry in task.robots
+    }
+    objects = {entry.name: _scene_object(model, entry) for entry in task.objects}
+    scene = Scene(
+        name=task.name,
+        path=task.path,
+        model=model,
+        robots=robots,
+        objects=objects,
+        goals={},
+        obstacles=_obstacles(model, robots, objects),
+        task=task.task,
+    )
+    return replace(scene, goals=_goals(scene, task))
+
+
+def _task_of(source: str | Path, robot: str | None) -> TaskFile:
+    """The task file of `source`; a cell alone becomes a task without goals."""
+    text = str(source)
+    if text.endswith((".toml", ".py")) or text in list_tasks():
+        task = read_task_file(find_task(source))
+        if robot is None:
+            return task
+        if len(task.robots) != 1:
+            raise InputError(
+                f"the task {task.name} has {len(task.robots)} robots",
+                where="robot",
+                remedy="change its task file",
+            )
+        entry = task.robots[0]
+        if robot == entry.model:
+            return task
+        return replace(task, robots=(replace(entry, model=robot, start=None, gripper_site="tool"),))
+    if text not in list_assets("cells") and "/" not in text and not text.endswith(".xml"):
+        raise UnknownNameError("task or cell", text, [*list_tasks(), *list_assets("cells")])
+    path = find_asset("cells", source)
+    robots = () if robot is None else (RobotEntry(Path(robot).stem, robot),)
+    return TaskFile(path, path.stem, str(path), robots)
+
+
+def _attach_robot(spec: mujoco.MjSpec, entry: RobotEntry, task: TaskFile) -> dict[str, float]:
+    """Mount a robot (and its gripper) in the cell; returns its home values by joint name."""
+    arm = load_spec(entry.model, relative_to=task.path.parent)
+    home = _take_home(arm, entry.model)
+    if entry.gripper is not None:
+        gripper = load_spec(entry.gripper, relative_to=task.path.parent)
+        _take_home(gripper, entry.gripper)
+        site = arm.site(entry.gripper_site)
+        if site is None:
+            raise UnknownNameError(
+                "site", entry.gripper_site, [s.name for s in arm.sites], where=f"{task.path}: gripper_site"
+            )
+        arm.attach(gripper, site=site, prefix="gripper/")
+    mount = entry.mount or ("robot_mount" if spec.site("robot_mount") is not None else None)
+    prefix = f"{entry.name}/"
+    if mount is None:
+        spec.attach(arm, frame=spec.worldbody.add_frame(), prefix=prefix)
+    else:
+        spec.attach(
+            arm, site=_cell_site(spec, mount, f"{task.path}: robot {entry.name!r} mount"), prefix=prefix
+        )
+    return home
+
+
+def _attach_object(spec: mujoco.MjSpec, entry: ObjectEntry, task: TaskFile) -> None:
+    model = load_spec(entry.model, kind="objects", relative_to=task.path.parent)
+    roots = list(model.worldbody.bodies)
+    if len(roots) != 1:
+        raise ModelError(
+            f"an object file holds one root body, not {len(roots)}",
+            where=f"{task.path}: object {entry.name!r}",
+        )
+    place = _cell_site(spec, entry.place, f"{task.path}: object {entry.name!r} place")
+    prefix = f"{entry.name}/"
+    if entry.fixed:
+        spec.attach(model, site=place, prefix=prefix)
+        return
+    body_name = roots[0].name
+    if place.parent.name != "world":
+        raise ModelError(
+            f"the site {place.name!r} must belong to the world body",
+            where=f"{task.path}: object {entry.name!r}",
+        )
+    frame = spec.worldbody.add_frame(pos=place.pos, quat=place.quat)
+    spec.attach(model, frame=frame, prefix=prefix)
+    spec.body(prefix + body_name).add_freejoint(name=prefix + "free")
+
+
+def _cell_site(spec: mujoco.MjSpec, name: str, where: str) -> mujoco.MjsSite:
+    site = spec.site(name)
+    if site is None:
+        raise UnknownNameError("site", name, [s.name for s in spec.sites], where=where)
+    return site
+
+
+def _take_home(spec: mujoco.MjSpec, where: str) -> dict[str, float]:
+    """Values of the keyframe `home` by joint name; keyframes are removed, as they don't fit the larger model."""
+    home: dict[str, float] = {}
+    if list(spec.keys):
+        model = compile_spec(spec, where)
+        for key in range(model.nkey):
+            if model.key(key).name == "home":
+                home = {
+                    model.joint(j).name: float(model.key_qpos[key, model.jnt_qposadr[j]])
+                    for j in range(model.njnt)
+                }
+        for spec_key in list(spec.keys):
+            spec.delete(spec_key)
+    return home
+
+
+def _robots_inside(spec: mujoco.MjSpec, task: TaskFile) -> TaskFile:
+    """A cell file that holds its robot: the actuated bodies form one robot without prefix... found after compiling."""
+    import mujoco
+
+    if not any(actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT for actuator in spec.actuators):
+        return task
+    moving = {actuator.target for actuator in spec.actuators}
+    for root in spec.worldbody.bodies:
+        inside = {joint.name for joint in root.find_all("joint")}
+        if moving & inside:
+            return replace(task, robots=(RobotEntry(root.name, ""),))
+    return task
+
+
+def _add_grasp_welds(spec: mujoco.MjSpec, task: TaskFile) -> None:
+    import mujoco
+
+    for robot in task.robots:
+        hand = _hand_body(spec, robot)
+        for thing in task.objects:
+            if hand is None or thing.fixed:
+                continue
+            root = next(b.name for b in spec.worldbody.bodies if b.name.startswith(f"{thing.name}/"))
+            weld = spec.add_equality(
+                name=GRASP.format(robot=robot.name, object=thing.name),
+                type=mujoco.mjtEq.mjEQ_WELD,
+                objtype=mujoco.mjtObj.mjOBJ_BODY,
+                name1=hand,
+                name2=root,
+            )
+            weld.active = False
+
+
+def _hand_body(spec: mujoco.MjSpec, robot: RobotEntry) -> str | None:
+    """The body that carries the gripper's tool site."""
+    if robot.gripper is None:
+        return None
+    for site in spec.sites:
+        if site.name == f"{robot.name}/gripper/tool":
+            return str(site.parent.name)
+    return None
+
+
+def _scene_robot(
+    model: mujoco.MjModel, entry: RobotEntry, home: dict[str, float], task: TaskFile
+) -> SceneRobot:
+    prefix = f"{entry.name}/" if entry.model else ""
+    robot = robot_from_model(model, prefix=prefix, name=entry.name, where=task.path)
+    values = [home.get(joint, robot.home[k]) for k, joint in enumerate(robot.joint_names)]
+    robot = replace(robot, home=np.array(values))
+    start = robot.home
+    if entry.start is not None:
+        where = f"{task.path}: robot {entry.name!r} start"
+        start = robot.configuration(np.array(entry.start), where=where)
+        robot.check_limits(start, where=where)
+    joints = [model.joint(prefix + name).id for name in robot.joint_names]
+    links = link_bodies(model, robot, prefix)
+    return SceneRobot(
+        name=entry.name,
+        prefix=prefix,
+        robot=robot,
+        body_ids=frozenset(body for link in links for body in link)
+        if prefix
+        else _subtree(model, entry.name),
+        link_body_ids=links,
+        qpos_addresses=np.array([model.jnt_qposadr[j] for j in joints]),
+        dof_addresses=np.array([model.jnt_dofadr[j] for j in joints]),
+        actuator_ids=np.array([actuator_of_joint(model, j) for j in joints]),
+        gripper=_gripper_actuator(model, prefix, robot.joint_names),
+        start=start,
+    )
+
+
+def _gripper_actuator(model: mujoco.MjModel, prefix: str, joints: tuple[str, ...]) -> str | None:
+    for actuator in range(model.nu):
+        name = str(model.actuator(actuator).name)
+        if (
+            name.startswith(prefix)
+            and name.rsplit("/", 1)[-1] == "gripper"
+            and name.removeprefix(prefix) not in joints
+        ):
+            return name
+    return None
+
+
+def _scene_object(model: mujoco.MjModel, entry: ObjectEntry) -> SceneObject:
+    prefix = f"{entry.name}/"
+    bodies = frozenset(b for b in range(1, model.nbody) if model.body(b).name.startswith(prefix))
+    root = min(bodies)
+    joint = int(model.body_jntadr[root])
+    return SceneObject(entry.name, root, bodies, int(model.jnt_qposadr[joint]) if joint >= 0 else None)
+
+
+def _subtree(model: mujoco.MjModel, root: str) -> frozenset[int]:
+    inside = {model.body(root).id}
+    for body in range(model.nbody):
+        if int(model.body_parentid[body]) in inside:
+            inside.add(body)
+    return frozenset(inside)
+
+
+def _obstacles(
+    model: mujoco.MjModel, robots: dict[str, SceneRobot], objects: dict[str, SceneObject]
+) -> tuple[str, ...]:
+    taken = {b for r in robots.values() for b in r.body_ids} | {
+        b for o in objects.values() for b in o.body_ids
+    }
+    names = []
+    for body in range(model.nbody):
+        first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
+        solid = any(model.geom_contype[g] or model.geom_conaffinity[g] for g in range(first, first + count))
+        if body not in taken and solid:
+            names.append(str(model.body(body).name))
+    return tuple(names)
+
+
+def _goals(scene: Scene, task: TaskFile) -> dict[str, Goal]:
+    goals = {}
+    qpos = scene.initial_qpos()
+    for entry in task.goals:
+        frame = Pose.identity()
+        if entry.relative_to != "world":
+            frame = site_pose(
+                scene.model, entry.relative_to, qpos, f"{task.path}: goal {entry.name!r} relative_to"
+            )
+        goals[entry.name] = Goal(entry.name, entry.robot, frame @ entry.offset)
+    return goals

@@ -1,0 +1,184 @@
+"""The truth about collisions in a scene: signed distances of the compiled model's own geometry (`mj_geomDistance`).
+
+Deep penetration is measured poorly by MuJoCo for some pairs of shapes: trust the sign, not the depth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workcell.errors import InputError
+from workcell.model.scene import Scene, SceneObject, SceneRobot
+from workcell.pose import Array, Pose
+
+
+@dataclass(frozen=True, slots=True)
+class Distance:
+    """A signed distance in metres, the two geoms' names, and the nearest points (2, 3) in the world."""
+
+    distance: float
+    pair: tuple[str, str]
+    points: Array
+
+
+class CollisionModel:
+    """Smallest signed distance of one robot to everything else and to itself, at any configuration.
+
+    Geom pairs follow MuJoCo's own rules: contype and conaffinity, `<exclude>`, bodies welded together, and parent
+    with child. Other robots and free objects stand where `qpos` has them.
+
+    Args:
+        scene: the scene.
+        robot: the robot's name; None: the only one.
+        qpos: (nq,) raw positions of everything else; None: the initial ones.
+        attached: (object name, T_tool_object): an object that the hand carries; it counts as robot.
+        allowed: pairs of body names whose contact is intended.
+        ignored: bodies (names) that don't count at all, e.g. an object about to be grasped.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        robot: str | None = None,
+        *,
+        qpos: ArrayLike | None = None,
+        attached: tuple[str, Pose] | None = None,
+        allowed: Iterable[tuple[str, str]] = (),
+        ignored: Iterable[str] = (),
+    ) -> None:
+        import mujoco
+
+        self._mujoco = mujoco
+        self.scene, self.robot = scene, scene.robot(robot)
+        self._model = scene.model
+        self._data = mujoco.MjData(scene.model)
+        self._qpos = np.array(scene.initial_qpos() if qpos is None else qpos, dtype=float)
+        self._attached: SceneObject | None = None
+        if attached is not None:
+            self._attached = scene.object(attached[0])
+            if self._attached.qpos_address is None:
+                raise InputError(
+                    f"the object {attached[0]!r} is fixed",
+                    where="attached",
+                    remedy="only free objects can be carried",
+                )
+            self._T_tool_object = attached[1]
+        moving = set(self.robot.body_ids) | (self._attached.body_ids if self._attached else set())
+        self._pairs = _colliding_pairs(scene, moving, self._attached, self.robot, allowed, ignored)
+        self._pad = scene.model.geom_rbound.copy()
+        self._pad[self._pad == 0.0] = np.inf
+        self._fromto = np.zeros(6)
+
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Names of the geom pairs that are looked at."""
+        return tuple((geom_name(self._model, a), geom_name(self._model, b)) for a, b in self._pairs)
+
+    def full_qpos(self, q: ArrayLike) -> Array:
+        """Raw positions (nq,) of the whole scene with the robot at `q` (n,), the carried object with it."""
+        qpos = np.array(self._qpos)
+        qpos[self.robot.qpos_addresses] = np.asarray(q, dtype=float)
+        if self._attached is not None and self._attached.qpos_address is not None:
+            T_world_object = self.robot.robot.fk(np.asarray(q, dtype=float)) @ self._T_tool_object
+            at = self._attached.qpos_address
+            qpos[at : at + 3] = T_world_object.position
+            qpos[at + 3 : at + 7] = T_world_object.quat_wxyz
+        return qpos
+
+    def distance(self, q: ArrayLike, *, limit: float = 10.0) -> Distance:
+        """The smallest signed distance at `q` (n,), looked for up to `limit` metres."""
+        return self.distance_at(self.full_qpos(q), limit=limit)
+
+    def distance_at(self, qpos: ArrayLike, *, limit: float = 10.0) -> Distance:
+        """The same at raw positions (nq,)."""
+        data, model = self._data, self._model
+        data.qpos[:] = qpos
+        self._mujoco.mj_kinematics(model, data)
+        best, nearest, points = limit, (-1, -1), np.zeros((2, 3))
+        if len(self._pairs) == 0:
+            return Distance(limit, ("", ""), points)
+        bounds = self._lower_bounds()
+        for k in np.argsort(bounds):
+            if bounds[k] >= best:
+                break
+            a, b = (int(g) for g in self._pairs[k])
+            distance = self._mujoco.mj_geomDistance(model, data, a, b, best, self._fromto)
+            if distance < best:
+                best, nearest = distance, (a, b)
+                points = self._fromto.reshape(2, 3).copy()
+        names = (geom_name(model, nearest[0]), geom_name(model, nearest[1])) if nearest[0] >= 0 else ("", "")
+        return Distance(float(best), names, points)
+
+    def _lower_bounds(self) -> Array:
+        """Bounding-sphere lower bounds of every pair's distance; -inf for planes, which have no bounding sphere."""
+        a, b = self._pairs[:, 0], self._pairs[:, 1]
+        centre = self._data.geom_xpos
+        gaps: Array = np.linalg.norm(centre[a] - centre[b], axis=1) - self._pad[a] - self._pad[b]
+        return gaps
+
+
+def geom_name(model: object, geom: int) -> str:
+    """A geom's name, or its body's name and its number where it has none."""
+    name = model.geom(geom).name  # type: ignore[attr-defined]
+    if name:
+        return str(name)
+    body = int(model.geom_bodyid[geom])  # type: ignore[attr-defined]
+    return f"{model.body(body).name}#{geom - int(model.body_geomadr[body])}"  # type: ignore[attr-defined]
+
+
+def _colliding_pairs(
+    scene: Scene,
+    moving: set[int],
+    attached: SceneObject | None,
+    robot: SceneRobot,
+    allowed: Iterable[tuple[str, str]],
+    ignored: Iterable[str],
+) -> NDArray[np.int64]:
+    model = scene.model
+    solid = [g for g in range(model.ngeom) if model.geom_contype[g] or model.geom_conaffinity[g]]
+    body_of = model.geom_bodyid
+    skip = {model.body(name).id for name in ignored}
+    excluded = {(int(s) >> 16, int(s) & 0xFFFF) for s in model.exclude_signature}
+    excluded |= {(model.body(a).id, model.body(b).id) for a, b in allowed}
+    carriers = _hand_bodies(robot) if attached is not None else frozenset()
+    pairs = []
+    for i, first in enumerate(solid):
+        for second in solid[i + 1 :]:
+            a, b = int(body_of[first]), int(body_of[second])
+            if (a not in moving and b not in moving) or a in skip or b in skip:
+                continue
+            if (a, b) in excluded or (b, a) in excluded or _never_collides(model, first, second):
+                continue
+            if attached is not None and _is_grip(a, b, attached, carriers):
+                continue
+            pairs.append((first, second))
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+
+def _hand_bodies(robot: SceneRobot) -> frozenset[int]:
+    """Bodies that the tool's link carries: the hand may touch what it holds."""
+    return frozenset(robot.link_body_ids[robot.robot.tool().link])
+
+
+def _is_grip(a: int, b: int, attached: SceneObject, carriers: frozenset[int]) -> bool:
+    inside = attached.body_ids
+    return (a in inside and b in carriers) or (b in inside and a in carriers) or (a in inside and b in inside)
+
+
+def _never_collides(model: object, first: int, second: int) -> bool:
+    """MuJoCo's own filter: bit masks, geoms of one rigid body, and parent with child (unless the parent is static)."""
+    m = model
+    contype, conaffinity = m.geom_contype, m.geom_conaffinity  # type: ignore[attr-defined]
+    if not (contype[first] & conaffinity[second] or contype[second] & conaffinity[first]):
+        return True
+    weld = m.body_weldid  # type: ignore[attr-defined]
+    a, b = int(weld[m.geom_bodyid[first]]), int(weld[m.geom_bodyid[second]])  # type: ignore[attr-defined]
+    if a == b:
+        return True
+    parent = m.body_parentid  # type: ignore[attr-defined]
+    parent_a, parent_b = int(weld[parent[a]]), int(weld[parent[b]])
+    return a != 0 and b != 0 and (a == parent_b or b == parent_a)

@@ -1,0 +1,152 @@
+"""`Scene`: one compiled MuJoCo model of a cell with its robots, objects and named goals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workcell.errors import UnknownNameError
+from workcell.model.robot import Robot
+from workcell.pose import Array, Pose, read_only
+
+if TYPE_CHECKING:
+    import mujoco
+
+
+@dataclass(frozen=True, slots=True)
+class SceneRobot:
+    """One robot of a scene, and where it lives in the compiled model.
+
+    Attributes:
+        name: its name in the scene.
+        prefix: of all its elements in the compiled model, e.g. `sawyer/`.
+        robot: its kinematics, with the base where it is mounted.
+        body_ids: all its bodies, gripper included.
+        link_body_ids: for each link, the bodies that it carries.
+        qpos_addresses, dof_addresses, actuator_ids: (n,) in the robot's joint order.
+        gripper: name of the actuator that closes its gripper, or None.
+        start: (n,) configuration at the start of the task.
+    """
+
+    name: str
+    prefix: str
+    robot: Robot
+    body_ids: frozenset[int]
+    link_body_ids: tuple[tuple[int, ...], ...]
+    qpos_addresses: NDArray[np.int64]
+    dof_addresses: NDArray[np.int64]
+    actuator_ids: NDArray[np.int64]
+    gripper: str | None
+    start: Array
+
+
+@dataclass(frozen=True, slots=True)
+class SceneObject:
+    """A thing that a task handles; `qpos_address` of its free joint is None when it is fixed."""
+
+    name: str
+    body_id: int
+    body_ids: frozenset[int]
+    qpos_address: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """A named pose `T_world_tool` for a robot's tool."""
+
+    name: str
+    robot: str
+    pose: Pose
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A compiled cell. Build one with `Scene.load`.
+
+    Attributes:
+        name: the task's or the cell's name.
+        path: the file it came from.
+        model: the compiled MuJoCo model: the truth about geometry and dynamics.
+        robots, objects, goals: by name.
+        obstacles: names of the fixed bodies with collision geometry that belong to no robot and no object.
+        task: the `[task]` table of the task file.
+    """
+
+    name: str
+    path: Path
+    model: mujoco.MjModel
+    robots: Mapping[str, SceneRobot]
+    objects: Mapping[str, SceneObject]
+    goals: Mapping[str, Goal]
+    obstacles: tuple[str, ...]
+    task: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("robots", "objects", "goals", "task"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+
+    @staticmethod
+    def load(source: str | Path, *, robot: str | None = None) -> Scene:
+        """Load a task file (TOML), a cell (MJCF), or either by name.
+
+        Args:
+            source: a task name, a cell name, or the path of a `.toml` or `.xml` file.
+            robot: use this robot model in place of the task's (a cell alone gets it mounted at its site
+                `robot_mount`, or at the world's origin).
+
+        Raises:
+            ModelError: a missing or malformed file, naming the element; UnknownNameError: an unknown name.
+        """
+        from workcell.model.build import build_scene
+
+        return build_scene(source, robot)
+
+    def robot(self, name: str | None = None) -> SceneRobot:
+        """The robot of that name, or the only one; raises UnknownNameError."""
+        if name is None and len(self.robots) == 1:
+            return next(iter(self.robots.values()))
+        if name is None or name not in self.robots:
+            raise UnknownNameError("robot", str(name), self.robots, where=self.path)
+        return self.robots[name]
+
+    def goal(self, name: str) -> Goal:
+        """The goal of that name; raises UnknownNameError."""
+        if name not in self.goals:
+            raise UnknownNameError("goal", name, self.goals, where=self.path)
+        return self.goals[name]
+
+    def object(self, name: str) -> SceneObject:
+        """The object of that name; raises UnknownNameError."""
+        if name not in self.objects:
+            raise UnknownNameError("object", name, self.objects, where=self.path)
+        return self.objects[name]
+
+    def initial_qpos(self) -> Array:
+        """Raw MuJoCo positions (nq,) with every robot at its start and every object in its place; read-only."""
+        qpos = np.array(self.model.qpos0)
+        for robot in self.robots.values():
+            qpos[robot.qpos_addresses] = robot.start
+        return read_only(qpos)
+
+    def site_pose(self, name: str, qpos: Array | None = None) -> Pose:
+        """World pose of a site, initially or at raw positions (nq,); raises UnknownNameError."""
+        return site_pose(self.model, name, self.initial_qpos() if qpos is None else qpos, self.path)
+
+
+def site_pose(model: mujoco.MjModel, name: str, qpos: Array, where: str | Path) -> Pose:
+    """World pose of a site at raw positions (nq,); raises UnknownNameError with the model's sites."""
+    import mujoco
+
+    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
+    if site < 0:
+        raise UnknownNameError("site", name, [model.site(i).name for i in range(model.nsite)], where=where)
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(model, data)
+    return Pose.from_rotation(data.site_xpos[site], data.site_xmat[site].reshape(3, 3))

@@ -1,0 +1,191 @@
+"""Task files (`workcell-task/1`, TOML): read and validated; every complaint names the file and the key."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from workcell.errors import ModelError, UnknownNameError
+from workcell.pose import Pose
+
+FORMAT = "workcell-task/1"
+
+
+@dataclass(frozen=True, slots=True)
+class RobotEntry:
+    """`[[robots]]`: a model mounted at a site of the cell, with an optional gripper."""
+
+    name: str
+    model: str
+    mount: str | None = None
+    gripper: str | None = None
+    gripper_site: str = "tool"
+    start: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectEntry:
+    """`[[objects]]`: a model placed at a site of the cell, free to move unless fixed."""
+
+    name: str
+    model: str
+    place: str
+    fixed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class GoalEntry:
+    """`[[goals]]`: a tool pose relative to a site of the compiled model, or to the world."""
+
+    name: str
+    robot: str
+    relative_to: str
+    offset: Pose
+
+
+@dataclass(frozen=True, slots=True)
+class TaskFile:
+    """A task file as it stands, before anything is compiled."""
+
+    path: Path
+    name: str
+    cell: str
+    robots: tuple[RobotEntry, ...] = ()
+    objects: tuple[ObjectEntry, ...] = ()
+    goals: tuple[GoalEntry, ...] = ()
+    task: Mapping[str, Any] = field(default_factory=dict)
+
+
+def read_task_file(path: Path) -> TaskFile:
+    """Parse and validate; raises ModelError naming the file and the key."""
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ModelError(f"can't read this file: {error}", where=path) from None
+    except tomllib.TOMLDecodeError as error:
+        raise ModelError(f"this is not valid TOML: {error}", where=path) from None
+    if table.get("format") != FORMAT:
+        raise ModelError(
+            f"format is {table.get('format')!r}",
+            where=f"{path}: format",
+            remedy=f'a task file begins with format = "{FORMAT}"',
+        )
+    reader = _Reader(path)
+    reader.only_keys(
+        table, {"format", "name", "description", "cell", "robots", "objects", "goals", "task"}, ""
+    )
+    robots = tuple(_robot(reader, entry, k) for k, entry in enumerate(reader.tables(table, "robots")))
+    objects = tuple(_object(reader, entry, k) for k, entry in enumerate(reader.tables(table, "objects")))
+    goals = tuple(_goal(reader, entry, k, robots) for k, entry in enumerate(reader.tables(table, "goals")))
+    reader.unique([r.name for r in robots], "robots")
+    reader.unique([o.name for o in objects], "objects")
+    reader.unique([g.name for g in goals], "goals")
+    task = table.get("task", {})
+    if not isinstance(task, dict):
+        raise reader.error("task", "must be a table", "[task]")
+    return TaskFile(
+        path,
+        reader.text(table, "name", "", default=path.stem),
+        reader.text(table, "cell", ""),
+        robots,
+        objects,
+        goals,
+        task,
+    )
+
+
+def _robot(reader: _Reader, entry: Mapping[str, Any], k: int) -> RobotEntry:
+    at = f"robots[{k}]"
+    reader.only_keys(entry, {"name", "model", "mount", "gripper", "gripper_site", "start"}, at)
+    start = entry.get("start", "home")
+    values = None if start == "home" else reader.numbers(entry, "start", at)
+    return RobotEntry(
+        name=reader.text(entry, "name", at),
+        model=reader.text(entry, "model", at),
+        mount=reader.text(entry, "mount", at, default=""),
+        gripper=reader.text(entry, "gripper", at, default="") or None,
+        gripper_site=reader.text(entry, "gripper_site", at, default="tool"),
+        start=values,
+    )
+
+
+def _object(reader: _Reader, entry: Mapping[str, Any], k: int) -> ObjectEntry:
+    at = f"objects[{k}]"
+    reader.only_keys(entry, {"name", "model", "place", "fixed"}, at)
+    fixed = entry.get("fixed", False)
+    if not isinstance(fixed, bool):
+        raise reader.error(f"{at}.fixed", f"is {fixed!r}", "true or false")
+    return ObjectEntry(
+        reader.text(entry, "name", at),
+        reader.text(entry, "model", at),
+        reader.text(entry, "place", at),
+        fixed,
+    )
+
+
+def _goal(reader: _Reader, entry: Mapping[str, Any], k: int, robots: tuple[RobotEntry, ...]) -> GoalEntry:
+    at = f"goals[{k}]"
+    reader.only_keys(entry, {"name", "robot", "relative_to", "xyz", "quat_wxyz"}, at)
+    robot = reader.text(entry, "robot", at, default=robots[0].name if len(robots) == 1 else "")
+    if robot not in [r.name for r in robots]:
+        raise UnknownNameError("robot", robot, [r.name for r in robots], where=f"{reader.path}: {at}.robot")
+    try:
+        offset = Pose(
+            reader.numbers(entry, "xyz", at),
+            reader.numbers(entry, "quat_wxyz", at, default=(1.0, 0.0, 0.0, 0.0)),
+        )  # type: ignore[arg-type]
+    except ModelError:
+        raise
+    except Exception as error:
+        raise reader.error(
+            at, f"is not a pose: {error}", "xyz in metres and a unit quaternion quat_wxyz"
+        ) from None
+    name = reader.text(entry, "name", at)
+    return GoalEntry(name, robot, reader.text(entry, "relative_to", at, default="world"), offset)
+
+
+@dataclass(frozen=True, slots=True)
+class _Reader:
+    path: Path
+
+    def error(self, key: str, problem: str, valid: str) -> ModelError:
+        return ModelError(f"{key} {problem}", where=self.path, remedy=f"valid: {valid}")
+
+    def tables(self, table: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+        entries = table.get(key, [])
+        if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+            raise self.error(key, "must be a list of tables", f"[[{key}]]")
+        return entries
+
+    def text(self, table: Mapping[str, Any], key: str, at: str, *, default: str | None = None) -> str:
+        value = table.get(key, default)
+        if not isinstance(value, str):
+            raise self.error(
+                f"{at}.{key}".lstrip("."), "is missing" if value is None else f"is {value!r}", "a string"
+            )
+        return value
+
+    def numbers(
+        self, table: Mapping[str, Any], key: str, at: str, *, default: tuple[float, ...] | None = None
+    ) -> tuple[float, ...]:
+        value = table.get(key, default)
+        if not isinstance(value, list | tuple) or not all(
+            isinstance(x, int | float) and not isinstance(x, bool) for x in value
+        ):
+            raise self.error(
+                f"{at}.{key}", "is missing" if value is None else f"is {value!r}", "a list of numbers"
+            )
+        return tuple(float(x) for x in value)
+
+    def only_keys(self, table: Mapping[str, Any], known: set[str], at: str) -> None:
+        for key in table:
+            if key not in known:
+                raise UnknownNameError("key", key, known, where=f"{self.path}: {at}" if at else self.path)
+
+    def unique(self, names: list[str], at: str) -> None:
+        for name in names:
+            if names.count(name) > 1:
+                raise self.error(at, f"has the name {name!r} twice", "each name once")

@@ -79,7 +79,8 @@ def _half_turn_axis(R: Array, w: Array) -> Array:
     axis = np.take_along_axis(M, column[..., None, None], axis=-1)[..., 0]
     axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
     sign: Array = np.where(np.sum(axis * w, axis=-1, keepdims=True) < 0, -1.0, 1.0)
-    return axis * sign
+    turned: Array = axis * sign
+    return turned
 
 
 def axis_angle_to_matrix(axis: ArrayLike, angle: ArrayLike) -> Array:
@@ -108,7 +109,8 @@ def slerp(quat_a: ArrayLike, quat_b: ArrayLike, fraction: float) -> Array:
         mixed: Array = a + fraction * (b - a)
     else:
         mixed = (np.sin((1 - fraction) * angle) * a + np.sin(fraction * angle) * b) / np.sin(angle)
-    return mixed / np.linalg.norm(mixed)
+    unit: Array = mixed / np.linalg.norm(mixed)
+    return unit
 
 
 def to_xyzw(quat_wxyz: ArrayLike) -> Array:
@@ -171,7 +173,9 @@ class Pose:
             raise InputError("the rotation must be a finite 3x3 matrix", where="rotation")
         if np.abs(R @ R.T - np.eye(3)).max() > _ROTATION_TOLERANCE or np.linalg.det(R) < 0:
             raise InputError(
-                "the matrix is not a rotation", where="rotation", remedy="it must be orthonormal, with determinant +1"
+                "the matrix is not a rotation",
+                where="rotation",
+                remedy="it must be orthonormal, with determinant +1",
             )
         return Pose(np.asarray(position, dtype=float), matrix_to_quat(R))
 

@@ -57,9 +57,14 @@ def load_robot(name: str | Path, tool: str | None = None) -> Robot:
     Raises:
         ModelError, UnknownNameError: as `load_spec` and `robot_from_model`.
     """
+    return load_compiled(name, tool)[1]
+
+
+def load_compiled(name: str | Path, tool: str | None = None) -> tuple[mujoco.MjModel, Robot]:
+    """A robot file compiled by itself, and its kinematics; raises as `load_robot`."""
     path = find_asset("robots", name)
     model = compile_spec(load_spec(path), path)
-    return robot_from_model(model, name=path.stem, tool=tool, where=path)
+    return model, robot_from_model(model, name=path.stem, tool=tool, where=path)
 
 
 def _make_asset_paths_absolute(spec: mujoco.MjSpec, path: Path) -> None:

@@ -8,7 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from workcell.errors import ModelError, UnknownNameError
+import numpy as np
+
+from workcell.errors import InputError, ModelError, UnknownNameError
 from workcell.pose import Pose
 
 FORMAT = "workcell-task/1"
@@ -132,14 +134,11 @@ def _goal(reader: _Reader, entry: Mapping[str, Any], k: int, robots: tuple[Robot
     robot = reader.text(entry, "robot", at, default=robots[0].name if len(robots) == 1 else "")
     if robot not in [r.name for r in robots]:
         raise UnknownNameError("robot", robot, [r.name for r in robots], where=f"{reader.path}: {at}.robot")
+    xyz = reader.numbers(entry, "xyz", at)
+    quat = reader.numbers(entry, "quat_wxyz", at, default=(1.0, 0.0, 0.0, 0.0))
     try:
-        offset = Pose(
-            reader.numbers(entry, "xyz", at),
-            reader.numbers(entry, "quat_wxyz", at, default=(1.0, 0.0, 0.0, 0.0)),
-        )  # type: ignore[arg-type]
-    except ModelError:
-        raise
-    except Exception as error:
+        offset = Pose(np.array(xyz), np.array(quat))
+    except InputError as error:
         raise reader.error(
             at, f"is not a pose: {error}", "xyz in metres and a unit quaternion quat_wxyz"
         ) from None

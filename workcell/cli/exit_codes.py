@@ -1,0 +1,12 @@
+"""What the command's exit status means."""
+
+DONE = 0
+"""Done, and achieved."""
+NOT_ACHIEVED = 1
+"""Ran, but no solution was found, the task failed, or an answer was refused."""
+BAD_INPUT = 2
+"""Bad usage or bad input, with one clear message."""
+IMPOSSIBLE = 3
+"""Proved impossible (`ik`, `run`)."""
+INTERRUPTED = 130
+"""Interrupted by the user."""

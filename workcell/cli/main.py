@@ -1,0 +1,49 @@
+"""Entry point: parse, dispatch, and turn every foreseeable failure into one message and an exit code."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+from workcell.cli import exit_codes
+from workcell.cli.parser import build_parser
+from workcell.errors import WorkcellError
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run the command line; always ends in SystemExit with one of `exit_codes`."""
+    os.environ.setdefault("MUJOCO_GL", _headless_backend())
+    parser = build_parser()
+    options = parser.parse_args(arguments)
+    try:
+        code = options.command(options)
+        sys.stdout.flush()
+    except WorkcellError as error:
+        code = _complain(str(error), exit_codes.BAD_INPUT)
+    except KeyboardInterrupt:
+        code = _complain("interrupted; files already written are intact", exit_codes.INTERRUPTED)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = exit_codes.DONE
+    except OSError as error:
+        code = _complain(_os_error(error), exit_codes.BAD_INPUT)
+    raise SystemExit(code)
+
+
+def _complain(message: str, code: int) -> int:
+    print(f"workcell: {message}", file=sys.stderr)
+    return code
+
+
+def _os_error(error: OSError) -> str:
+    reason = error.strerror or str(error)
+    return f"{error.filename}: {reason}" if error.filename else reason
+
+
+def _headless_backend() -> str:
+    """EGL where its library can be found, OSMesa otherwise; pictures are skipped with the reason if neither works."""
+    import ctypes.util
+
+    return "egl" if ctypes.util.find_library("EGL") else "osmesa"

@@ -1,0 +1,174 @@
+"""`robots`, `check` and `decompose`: what there is, and whether it is sound."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from workcell.cli import exit_codes
+from workcell.cli.output import print_json, print_table, progress_bar
+from workcell.errors import ModelError, UnknownNameError
+
+if TYPE_CHECKING:
+    from workcell.model.scene import Scene
+
+
+def robots(options: argparse.Namespace) -> int:
+    """Table of the robots that travel with workcell."""
+    from workcell.geometry.spheres import model_cover
+    from workcell.model.data import find_asset, list_assets
+    from workcell.model.load import load_compiled
+
+    rows = []
+    for name in list_assets("robots"):
+        try:
+            model, robot = load_compiled(name)
+        except ModelError:
+            continue  # grippers stand beside the arms, but have no arm of their own to plan for
+        spheres = len(model_cover(model, robot, overshoot=0.02))
+        rows.append(
+            {
+                "name": name,
+                "dof": robot.dof,
+                "reach_m": round(robot.reach(), 3),
+                "tools": list(robot.tools),
+                "spheres": spheres,
+                "source": str(find_asset("robots", name)),
+            }
+        )
+    if options.json:
+        print_json(rows)
+    else:
+        header = ["name", "dof", "reach m", "tools", "spheres (2 cm)", "source"]
+        print_table(
+            "Robots",
+            header,
+            [[", ".join(v) if isinstance(v, list) else v for v in row.values()] for row in rows],
+        )
+    return exit_codes.DONE
+
+
+def check(options: argparse.Namespace) -> int:
+    """Validate one file and say what it contains."""
+    if options.file.endswith(".json"):
+        contents = _check_problem_set(options.file)
+    else:
+        contents = _check_model(options.file)
+    problems = contents["problems"]
+    if options.json:
+        print_json(contents)
+    else:
+        print(f"{contents['file']}: {contents['kind']}")
+        for line in contents["contents"]:
+            print(f"  {line}")
+        for line in problems:
+            print(f"  WRONG  {line}")
+        print("nothing wrong" if not problems else f"{len(problems)} thing(s) wrong")
+    return exit_codes.DONE if not problems else exit_codes.BAD_INPUT
+
+
+def _check_problem_set(path: str) -> dict[str, Any]:
+    from workcell.bench.problems import load_problem_set
+
+    problem_set = load_problem_set(Path(path))
+    lines = [
+        f"robot {problem_set.robot.name}: {problem_set.robot.dof} joints, {len(problem_set.cover)} spheres",
+        f"{len(problem_set.problems)} problems, {sum(p.start is not None for p in problem_set.problems)} with a start",
+    ]
+    return {"file": path, "kind": "problem set", "contents": lines, "problems": []}
+
+
+def _check_model(name: str) -> dict[str, Any]:
+    from workcell.model.data import list_assets
+
+    bare_robot = name in list_assets("robots")
+    if not bare_robot:
+        try:
+            return _check_scene(name)
+        except UnknownNameError as error:
+            if error.kind == "task or cell":
+                raise UnknownNameError(
+                    "robot, cell or task", name, [*error.known, *list_assets("robots")]
+                ) from None
+            raise
+    return _check_robot(name)
+
+
+def _check_robot(name: str) -> dict[str, Any]:
+    from workcell.model.load import load_compiled
+
+    _, robot = load_compiled(name)
+    lines = [f"{robot.name}: {robot.dof} joints, reach {robot.reach():.3f} m, tools {', '.join(robot.tools)}"]
+    for k, joint in enumerate(robot.joint_names):
+        unit = "m" if robot.prismatic[k] else "rad"
+        lines.append(
+            f"{joint}: [{robot.lower[k]:.4f}, {robot.upper[k]:.4f}] {unit}, velocity {robot.velocity[k]:g}, effort {robot.effort[k]:g}"
+        )
+    return {"file": name, "kind": "robot", "contents": lines, "problems": []}
+
+
+def _check_scene(name: str) -> dict[str, Any]:
+    from workcell.model.scene import Scene
+
+    scene = Scene.load(name)
+    lines = [f"obstacles: {', '.join(scene.obstacles) or 'none'}"]
+    lines += [
+        f"object {thing.name}: {'free' if thing.qpos_address is not None else 'fixed'}"
+        for thing in scene.objects.values()
+    ]
+    for robot in scene.robots.values():
+        gripper = f", gripper {robot.gripper}" if robot.gripper else ""
+        lines.append(
+            f"robot {robot.name}: {robot.robot.dof} joints, tool {robot.robot.default_tool}{gripper}"
+        )
+    lines += [
+        f"goal {goal.name}: {goal.robot} at {_numbers(goal.pose.position)} quat {_numbers(goal.pose.quat_wxyz)}"
+        for goal in scene.goals.values()
+    ]
+    return {"file": str(scene.path), "kind": "scene", "contents": lines, "problems": _scene_problems(scene)}
+
+
+def _scene_problems(scene: Scene) -> list[str]:
+    from workcell.model.contact import CollisionModel
+
+    problems = []
+    for robot in scene.robots.values():
+        start = CollisionModel(scene, robot.name).distance(robot.start)
+        if start.distance < 0:
+            a, b = start.pair
+            problems.append(
+                f"robot {robot.name} starts in collision: {a} and {b} overlap by {-1e3 * start.distance:.1f} mm"
+            )
+    return problems
+
+
+def _numbers(values: Any) -> str:
+    return "[" + ", ".join(f"{value:.4f}" for value in values) + "]"
+
+
+def decompose(options: argparse.Namespace) -> int:
+    """Sphere covers and free-space cuboids of a cell, with their quality."""
+    from workcell.geometry.decompose import decompose as run
+    from workcell.model.scene import Scene
+
+    scene = Scene.load(options.cell, robot=options.robot)
+    with progress_bar("decompose", 4) as bar:
+        result = run(scene, overshoot=options.overshoot, seed=options.seed, progress=bar.step)
+    document = result.to_json()
+    if options.out:
+        from workcell.record.summary import write_json_atomic
+
+        write_json_atomic(Path(options.out), document)
+    if options.png:
+        from workcell.record.decompose_picture import draw_decomposition
+
+        draw_decomposition(result, Path(options.png))
+    if options.json:
+        print_json(document)
+    else:
+        print_table(f"Decomposition of {scene.name}", ["metric", "value"], list(document["metrics"].items()))
+        for path in (options.out, options.png):
+            if path:
+                print(f"wrote {path}")
+    return exit_codes.DONE

@@ -1,0 +1,261 @@
+"""The command line's grammar. Commands are imported when they run, so that `--help` stays quick."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+from collections.abc import Callable
+
+Command = Callable[[argparse.Namespace], int]
+
+_EXIT_CODES = "exit codes: 0 done and achieved, 1 ran but not achieved, 2 bad input, 3 proved impossible, 130 interrupted"
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The whole grammar."""
+    parser = argparse.ArgumentParser(
+        prog="workcell",
+        description="Verified inverse kinematics, planning, simulation and recordings for robot cells.",
+        epilog=f"example: workcell run shelf_grasp        {_EXIT_CODES}",
+    )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {_version()}")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="name")
+    _add_models(commands)
+    _add_solving(commands)
+    _add_running(commands)
+    return parser
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("workcell")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def _late(module: str, function: str) -> Command:
+    """A command that imports its module only when it runs."""
+
+    def call(options: argparse.Namespace) -> int:
+        code: int = getattr(importlib.import_module(f"workcell.cli.{module}"), function)(options)
+        return code
+
+    return call
+
+
+def _command(
+    commands: argparse._SubParsersAction[argparse.ArgumentParser],
+    name: str,
+    help_text: str,
+    example: str,
+    run: Command,
+) -> argparse.ArgumentParser:
+    parser = commands.add_parser(
+        name,
+        help=help_text,
+        description=help_text[0].upper() + help_text[1:] + ".",
+        epilog=f"example: workcell {example}",
+    )
+    parser.set_defaults(command=run, parser=parser)
+    return parser
+
+
+def _json_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--json", action="store_true", help="print one JSON object instead of text")
+
+
+def _seed_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--seed", type=_non_negative_int, default=0, metavar="N", help="same seed, same answer (default: 0)"
+    )
+
+
+def _add_models(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    robots = _command(
+        commands, "robots", "list the robots that travel with workcell", "robots", _late("models", "robots")
+    )
+    _json_option(robots)
+
+    check = _command(
+        commands,
+        "check",
+        "validate a robot, cell, task or problem-set file: what it contains, what is wrong and where",
+        "check tasks/shelf_grasp.toml",
+        _late("models", "check"),
+    )
+    check.add_argument(
+        "file", metavar="FILE", help="a robot, cell or task (name or path), or a problem set (.json)"
+    )
+    _json_option(check)
+
+    decompose = _command(
+        commands,
+        "decompose",
+        "cover robot and obstacles with spheres and free space with cuboids, with their measured quality",
+        "decompose shelf --robot sawyer --png shelf.png",
+        _late("models", "decompose"),
+    )
+    decompose.add_argument("cell", metavar="CELL", help="a cell or task (name or path)")
+    decompose.add_argument("--robot", metavar="R", help="a robot to mount in a cell that has none")
+    decompose.add_argument(
+        "--overshoot",
+        type=_positive,
+        default=0.02,
+        metavar="M",
+        help="of the spheres, metres (default: 0.02)",
+    )
+    decompose.add_argument("--out", metavar="FILE", help="write spheres, cuboids and metrics as JSON")
+    decompose.add_argument("--png", metavar="FILE", help="draw geometry, spheres and cuboids")
+    _seed_option(decompose)
+    _json_option(decompose)
+
+
+def _add_solving(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    ik = _command(
+        commands,
+        "ik",
+        "answer one inverse-kinematics query in words",
+        "ik sawyer --pose 0.6 0.1 0.4 0 1 0 0",
+        _late("solving", "ik"),
+    )
+    ik.add_argument(
+        "robot",
+        metavar="ROBOT",
+        help="a robot's name or model file; in a task, the name of one of its robots",
+    )
+    ik.add_argument(
+        "--pose",
+        nargs=7,
+        type=float,
+        required=True,
+        metavar=("X", "Y", "Z", "QW", "QX", "QY", "QZ"),
+        help="wanted world pose of the tool",
+    )
+    ik.add_argument("--tool", metavar="SITE", help="the site to place (default: the robot's tool)")
+    ik.add_argument("--cell", metavar="CELL", help="a cell or task with obstacles")
+    _solver_options(ik)
+    _json_option(ik)
+
+    solve = _command(
+        commands,
+        "solve",
+        "solve a problem-set file",
+        "solve sawyer_workcell.json --solver ikspark --out answers.jsonl",
+        _late("solving", "solve"),
+    )
+    solve.add_argument("set", metavar="SET.json", help="a problem set (format workcell-ikset/1)")
+    _solver_options(solve)
+    solve.add_argument("--jobs", type=_positive_int, default=1, metavar="N", help="processes (default: 1)")
+    solve.add_argument(
+        "--out",
+        metavar="ANSWERS.jsonl",
+        help="write one JSON line a problem; without it only the table is printed",
+    )
+    _json_option(solve)
+
+    verify = _command(
+        commands,
+        "verify",
+        "re-check the answers and certificates of a problem set without any solver",
+        "verify sawyer_workcell.json answers.jsonl",
+        _late("solving", "verify"),
+    )
+    verify.add_argument("set", metavar="SET.json")
+    verify.add_argument("answers", metavar="ANSWERS.jsonl")
+    _json_option(verify)
+
+    bench = _command(
+        commands,
+        "bench",
+        "measure a table of ours or of a paper again",
+        "bench ikspark-free --n 200 --out ikspark_free.json",
+        _late("solving", "bench"),
+    )
+    bench.add_argument("bench", metavar="NAME", nargs="?", help="see --list")
+    bench.add_argument("--list", action="store_true", help="list the benches")
+    bench.add_argument(
+        "--n", type=_positive_int, metavar="N", help="problems a row (default: the bench's own)"
+    )
+    bench.add_argument(
+        "--sets", metavar="DIR", help="folder of problem-set files, for the benches that run them"
+    )
+    bench.add_argument("--out", metavar="FILE", help="write the rows as JSON")
+    _seed_option(bench)
+    _json_option(bench)
+
+
+def _solver_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--solver",
+        default="auto",
+        metavar="NAME",
+        help="auto, multistart, ikspark, ikspark+lm (default: auto)",
+    )
+    parser.add_argument(
+        "--budget-s", type=_not_negative, default=5.0, metavar="S", help="CPU seconds a problem (default: 5)"
+    )
+    _seed_option(parser)
+
+
+def _add_running(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    run = _command(
+        commands,
+        "run",
+        "plan a task, execute it in MuJoCo and record it",
+        "run shelf_grasp --seed 3 --out runs/third",
+        _late("running", "run"),
+    )
+    run.add_argument("task", metavar="TASK", help="a task's name, or the path of its .toml or .py")
+    run.add_argument("--robot", metavar="R", help="another robot, where the task suits several")
+    run.add_argument(
+        "--planner",
+        default="ikspark",
+        metavar="NAME",
+        help="solver of the configurations and the path (default: ikspark)",
+    )
+    run.add_argument(
+        "--out", metavar="DIR", help="folder of the recording and the summary (default: runs/TASK)"
+    )
+    _seed_option(run)
+    _json_option(run)
+
+    review = _command(
+        commands,
+        "review",
+        "read a recording back without a screen: verdict, metrics, pictures",
+        "review runs/shelf_grasp/shelf_grasp.rrd --png runs/shelf_grasp",
+        _late("running", "review"),
+    )
+    review.add_argument("file", metavar="FILE.rrd")
+    review.add_argument("--png", metavar="DIR", help="write a contact sheet and plots there")
+    _json_option(review)
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is not a positive number")
+    return value
+
+
+def _not_negative(text: str) -> float:
+    value = float(text)
+    if not 0 <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is not a number of seconds")
+    return value
+
+
+def _positive_int(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not a positive whole number")
+    return value
+
+
+def _non_negative_int(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"{text} is negative")
+    return value

@@ -1,0 +1,174 @@
+"""`ik`, `solve`, `verify` and `bench`: questions, answers, and whether they hold."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from workcell.cli import exit_codes
+from workcell.cli.output import plain, print_json, print_table, progress_bar
+from workcell.errors import InputError
+from workcell.ik.problem import Budget, IKProblem
+from workcell.ik.result import IKResult
+from workcell.pose import Pose
+
+
+def ik(options: argparse.Namespace) -> int:
+    """One query, answered in words."""
+    from workcell.ik.solve import check_solver_name, solve
+
+    check_solver_name(options.solver)
+    target = Pose(np.array(options.pose[:3]), np.array(options.pose[3:]))
+    problem = _problem(options, target)
+    result = solve(problem, solver=options.solver, budget=Budget(options.budget_s), seed=options.seed)
+    if options.json:
+        print_json(_result_json(problem, result))
+    else:
+        _tell(problem, result)
+    if result.solved:
+        return exit_codes.DONE
+    return exit_codes.IMPOSSIBLE if result.status.is_proof else exit_codes.NOT_ACHIEVED
+
+
+def _problem(options: argparse.Namespace, target: Pose) -> IKProblem:
+    """The robot alone checks itself against itself; in a cell, against everything there."""
+    from workcell.model.data import list_assets
+    from workcell.model.scene import Scene
+    from workcell.motion.world import PlanningWorld
+
+    if options.cell is None:
+        from workcell.model.build import robot_scene
+
+        scene = robot_scene(options.robot)
+        name = None
+    else:
+        scene = Scene.load(options.cell)
+        name = options.robot if options.robot in scene.robots else None
+        if name is None:
+            fits = (
+                options.robot in list_assets("robots")
+                or "/" in options.robot
+                or options.robot.endswith(".xml")
+            )
+            scene = Scene.load(options.cell, robot=options.robot) if fits else scene
+            name = None if fits else options.robot
+    world = PlanningWorld.of(scene, name, tool=options.tool, seed=options.seed)
+    return world.problem(target)
+
+
+def _result_json(problem: IKProblem, result: IKResult) -> dict[str, Any]:
+    certificate = result.certificate
+    return {
+        "status": result.status.value,
+        "sentence": result.status.sentence,
+        "solver": result.solver,
+        "q": result.q,
+        "joint_names": problem.robot.joint_names,
+        "position_error_m": result.position_error,
+        "rotation_error_rad": result.rotation_error,
+        "clearance_m": result.clearance.distance,
+        "nearest_pair": result.clearance.pair,
+        "certificate": None
+        if certificate is None
+        else {"kind": certificate.kind, "statement": certificate.statement, "margin": certificate.margin},
+        "rejected": result.rejected,
+        "stats": plain(result.stats),
+    }
+
+
+def _tell(problem: IKProblem, result: IKResult) -> None:
+    print(f"{result.status.value}: {result.status.sentence}")
+    if result.q is not None:
+        for name, value in zip(problem.robot.joint_names, result.q, strict=True):
+            print(f"  {name:<20s} {value:+.6f}")
+        print(
+            f"  position error {1e3 * result.position_error:.2e} mm, rotation error {result.rotation_error:.2e} rad"
+        )
+        if any(result.clearance.pair):
+            first, second = result.clearance.pair
+            print(f"  clearance {1e3 * result.clearance.distance:.1f} mm, between {first} and {second}")
+    if result.certificate is not None:
+        print(f"  proof ({result.certificate.kind}): {result.certificate.statement}")
+    for reason in result.rejected[:5]:
+        print(f"  rejected: {reason}")
+    print(f"  solver {result.solver}, {1e3 * result.stats.get('cpu_s', float('nan')):.1f} ms CPU")
+
+
+def solve(options: argparse.Namespace) -> int:
+    """A whole problem set; exit 0 when every problem was processed."""
+    from workcell.bench.problems import load_problem_set
+    from workcell.bench.runner import solve_set
+    from workcell.ik.solve import check_solver_name
+
+    check_solver_name(options.solver)
+    problem_set = load_problem_set(Path(options.set))
+    out = Path(options.out) if options.out else None
+    with progress_bar(f"solve {Path(options.set).name}", len(problem_set.problems)) as bar:
+        summary = solve_set(
+            problem_set,
+            solver=options.solver,
+            budget=Budget(options.budget_s),
+            seed=options.seed,
+            jobs=options.jobs,
+            out=out,
+            progress=bar.step,
+        )
+    if options.json:
+        print_json(summary.to_json())
+    else:
+        print_table(f"{Path(options.set).name}, solver {options.solver}", ["", "value"], summary.rows())
+        if out:
+            print(f"wrote {out}")
+    return exit_codes.DONE
+
+
+def verify(options: argparse.Namespace) -> int:
+    """Re-check answers; exit 1 when one was refused."""
+    from workcell.bench.problems import load_problem_set
+    from workcell.bench.runner import verify_answers
+
+    report = verify_answers(load_problem_set(Path(options.set)), Path(options.answers))
+    if options.json:
+        print_json(report.to_json())
+    else:
+        print_table(f"{Path(options.answers).name}", ["", "value"], report.rows())
+        for line in report.refused[:20]:
+            print(f"refused: {line}")
+        if len(report.refused) > 20:
+            print(f"... and {len(report.refused) - 20} more (all of them with --json)")
+    return exit_codes.NOT_ACHIEVED if report.refused else exit_codes.DONE
+
+
+def bench(options: argparse.Namespace) -> int:
+    """Measure one table, or list them."""
+    from workcell.bench.tables import list_benches, run_bench
+
+    if options.list:
+        rows = [(entry.name, entry.n, entry.description) for entry in list_benches()]
+        if options.json:
+            print_json([{"bench": name, "n": n, "description": text} for name, n, text in rows])
+        else:
+            print_table("Benches", ["name", "n", "what it measures"], rows)
+        return exit_codes.DONE
+    if options.bench is None:
+        raise InputError("which bench?", where="bench", remedy="workcell bench --list names them")
+    sets = Path(options.sets) if options.sets else None
+    document = run_bench(options.bench, n=options.n, seed=options.seed, sets=sets)
+    if options.out:
+        from workcell.record.summary import write_json_atomic
+
+        write_json_atomic(Path(options.out), document)
+    if options.json:
+        print_json(document)
+    else:
+        rows = document["rows"]
+        header = list(dict.fromkeys(key for row in rows for key in row))
+        print_table(
+            f"{document['bench']} (seed {document['seed']})",
+            header,
+            [[row.get(key) for key in header] for row in rows],
+        )
+    return exit_codes.DONE

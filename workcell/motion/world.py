@@ -1,0 +1,110 @@
+"""`PlanningWorld`: a scene as the planners see it: sphere cover, obstacle pieces, free space, and the truth beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from workcell.geometry.cuboids import biased_seeds, inflate_cuboids
+from workcell.geometry.pieces import scene_obstacles
+from workcell.geometry.spheres import attached_cover, merge_covers, robot_cover
+from workcell.geometry.types import FreeSpace, Piece, SphereCover
+from workcell.ik.problem import Clearance, IKProblem, Tolerances
+from workcell.model.contact import CollisionModel
+from workcell.model.robot import Robot
+from workcell.model.scene import Scene, SceneRobot
+from workcell.pose import Array, Pose
+
+
+@dataclass(frozen=True, slots=True)
+class PlanningWorld:
+    """What a planner needs to know about one robot in a scene. Build one with `PlanningWorld.of`.
+
+    Attributes:
+        scene: the compiled scene.
+        robot: the planned robot in it.
+        cover: outer spheres of the robot, and of what it carries, in link frames.
+        obstacles: convex pieces of everything else, in the world frame.
+        free_space: cuboids proved disjoint from every obstacle.
+        collision: the compiled model's distances, which alone decide.
+    """
+
+    scene: Scene
+    robot: SceneRobot
+    cover: SphereCover
+    obstacles: tuple[Piece, ...]
+    free_space: FreeSpace
+    collision: CollisionModel
+
+    @staticmethod
+    def of(
+        scene: Scene,
+        robot: str | None = None,
+        *,
+        overshoot: float = 0.02,
+        ignored: Iterable[str] = (),
+        allowed: Iterable[tuple[str, str]] = (),
+        attached: tuple[str, Pose] | None = None,
+        towards: Iterable[Array] = (),
+        seed: int = 0,
+    ) -> PlanningWorld:
+        """Cover the robot, collect the obstacles and inflate free space around where the robot will be.
+
+        Args:
+            scene: the scene.
+            robot: the robot's name; None: the only one.
+            overshoot: of the sphere cover, metres.
+            ignored: objects (by name) that count as free space, such as one about to be grasped.
+            allowed: pairs of body names whose contact is intended.
+            attached: (object, T_tool_object) that the hand carries.
+            towards: configurations (n,) that the free space should hold, besides the start.
+            seed: of the free space's random seeds.
+        """
+        actor = scene.robot(robot)
+        cover = robot_cover(scene.model, actor, overshoot=overshoot)
+        carried = () if attached is None else (attached[0],)
+        if attached is not None:
+            cover = merge_covers(cover, attached_cover(scene, actor, attached[0], attached[1], overshoot=overshoot))
+        obstacles = scene_obstacles(scene, actor.name, exclude_objects=(*ignored, *carried))
+        bodies = [scene.model.body(body).name for name in ignored for body in scene.object(name).body_ids]
+        collision = CollisionModel(scene, actor.name, attached=attached, ignored=bodies, allowed=allowed)
+        configurations = [actor.start, *towards]
+        seeds = biased_seeds(actor.robot, cover, np.array(configurations))
+        free_space = inflate_cuboids(seeds, obstacles, workspace_bounds(actor.robot))
+        return PlanningWorld(scene, actor, cover, obstacles, free_space, collision)
+
+    def problem(self, target: Pose, *, q_reference: Array | None = None, margin: float = 0.0) -> IKProblem:
+        """The question: bring the tool to `target`, at least `margin` metres clear of everything."""
+        return IKProblem(
+            robot=self.robot.robot,
+            target=target,
+            obstacles=self.obstacles,
+            cover=self.cover,
+            free_space=self.free_space,
+            checker=self.clearance,
+            q_reference=q_reference,
+            tolerances=Tolerances(safety_margin=margin),
+        )
+
+    def clearance(self, q: Array) -> Clearance:
+        """Smallest signed distance on the compiled model at `q` (n,)."""
+        found = self.collision.distance(q)
+        return Clearance(found.distance, found.pair)
+
+    def with_free_space_around(self, configurations: Iterable[Array]) -> PlanningWorld:
+        """The same world with cuboids inflated around more configurations (k, n)."""
+        seeds = biased_seeds(self.robot.robot, self.cover, np.array(list(configurations)))
+        more = inflate_cuboids(seeds, self.obstacles, workspace_bounds(self.robot.robot))
+        lower = np.concatenate([self.free_space.lower, more.lower])
+        upper = np.concatenate([self.free_space.upper, more.upper])
+        _, kept = np.unique(np.round(np.hstack([lower, upper]), 6), axis=0, return_index=True)
+        return replace(self, free_space=FreeSpace(lower[np.sort(kept)], upper[np.sort(kept)]))
+
+
+def workspace_bounds(robot: Robot, slack: float = 0.2) -> Array:
+    """(2, 3) corners of a box that holds every point the robot can reach, its base included, with `slack` metres."""
+    origin = robot.T_world_base.apply(robot.joint_xyz[0])
+    radius = robot.reach() + slack
+    return np.array([origin - radius, origin + radius])

@@ -25,6 +25,7 @@ _DENSE = 5
 """Evaluations a time step when limits are verified."""
 _HEADROOM = 1.0005
 """Left for what lies between two dense evaluations."""
+_SUPPORT = 0.02
 _SMALLEST = 1e-12
 
 
@@ -50,9 +51,10 @@ def retime(
     velocity: ArrayLike | None = None,
     acceleration: ArrayLike | None = None,
     *,
+    tool_speed: float | None = None,
     dt: float = 0.002,
     smoothing_s: float = 0.06,
-    support: float = 0.02,
+    support: float | None = None,
     grid: int = 600,
 ) -> Trajectory:
     """Time a path: C2, at rest at both ends, within the limits, sampled every `dt` seconds.
@@ -60,9 +62,12 @@ def retime(
     Args:
         path: waypoints; the motion passes through each of them.
         velocity, acceleration: (n,) or scalar largest absolute values; None: the robot's own.
+        tool_speed: largest speed of the tool, metres a second; None: no bound.
         dt: seconds between samples.
         smoothing_s: width of the moving average over s(t); the acceleration changes over this time.
-        support: joint-space spacing (radians) of the extra spline points beside each corner.
+        support: joint-space distance (radians) from each corner to the extra spline points that hold the motion on
+            the straight lines; inf leaves them out; None: 0.02, but inf for a path that follows a tool path, whose
+            waypoints lie on a smooth curve already.
         grid: intervals of the phase plane.
 
     Raises:
@@ -70,18 +75,54 @@ def retime(
     """
     robot = path.robot
     v_max, a_max = motion_limits(robot, velocity, acceleration)
+    if tool_speed is not None and not tool_speed > 0:
+        raise InputError(
+            f"the tool's speed limit is {tool_speed}", where="tool_speed", remedy="a positive number"
+        )
+    if support is None:
+        support = np.inf if path.tool_poses else _SUPPORT
     spline = _Spline.through(_with_support(path.configurations, support))
     s_grid = _grid(spline, grid)
-    timing = _Timing.fastest(spline, s_grid, v_max, a_max, smoothing_s)
-    dense = timing.sample(dt / _DENSE)
-    use = _limit_use(*spline.motion(*dense)[1:], v_max, a_max)
-    slower = _HEADROOM * max(1.0, float(use.velocity.max()), float(np.sqrt(use.acceleration.max())))
+    q, first, second = spline.derivatives(s_grid)
+    cap = _speed_cap(robot, q, first, v_max, tool_speed)
+    timing = _Timing.along(s_grid, _fastest_squared_speed(s_grid, first, second, cap, a_max), smoothing_s)
+    slower = _HEADROOM * _slowdown(robot, spline, timing.sample(dt / _DENSE), v_max, a_max, tool_speed)
     steps = int(np.ceil(timing.duration * slower / dt - 1e-9))
     slower = steps * dt / timing.duration
     time: Array = dt * np.arange(steps + 1, dtype=float)
     s, sd, sdd = timing.at(time / slower)
     q, qd, qdd = spline.motion(s, sd / slower, sdd / slower**2)
     return Trajectory(robot.name, time, q, qd, qdd)
+
+
+def _speed_cap(robot: Robot, q: Array, first: Array, v_max: Array, tool_speed: float | None) -> Array:
+    """The largest sd^2 at each grid point under the joints' and the tool's speed limits."""
+    cap: Array = np.min((v_max / np.maximum(np.abs(first), _SMALLEST)) ** 2, axis=1)
+    if tool_speed is not None:
+        cap = np.minimum(cap, (tool_speed / np.maximum(_tool_speed(robot, q, first), _SMALLEST)) ** 2)
+    return cap
+
+
+def _tool_speed(robot: Robot, q: Array, qd: Array) -> Array:
+    speed: Array = np.linalg.norm(np.einsum("tij,tj->ti", robot.jacobian(q)[:, :3], qd), axis=1)
+    return speed
+
+
+def _slowdown(
+    robot: Robot,
+    spline: _Spline,
+    timing: tuple[Array, Array, Array],
+    v_max: Array,
+    a_max: Array,
+    tool_speed: float | None,
+) -> float:
+    """The factor by which a motion must be slowed down, so that no limit is exceeded at any of its samples."""
+    q, qd, qdd = spline.motion(*timing)
+    use = _limit_use(qd, qdd, v_max, a_max)
+    factor = max(1.0, float(use.velocity.max()), float(np.sqrt(use.acceleration.max())))
+    if tool_speed is not None:
+        factor = max(factor, float(_tool_speed(robot, q[::_DENSE], qd[::_DENSE]).max()) / tool_speed)
+    return factor
 
 
 def motion_limits(
@@ -134,7 +175,8 @@ def _with_support(waypoints: Array, support: float) -> Array:
     out = [points[:1]]
     for a, b in pairwise(points):
         length = float(np.linalg.norm(b - a))
-        near = support * 2.0 ** np.arange(max(int(np.log2(length / (2.5 * support))) + 1, 0)) / length
+        doublings = int(np.log2(length / (2.5 * support))) + 1 if length > 2.5 * support else 0
+        near = support * 2.0 ** np.arange(doublings) / length if doublings else np.zeros(0)
         fractions = np.concatenate([near, 1 - near[::-1], [1.0]])
         out.append(a + fractions[:, None] * (b - a))
     return np.vstack(out)
@@ -206,9 +248,8 @@ class _Timing:
     window: float
 
     @staticmethod
-    def fastest(spline: _Spline, s: Array, v_max: Array, a_max: Array, window: float) -> _Timing:
-        _, first, second = spline.derivatives(s)
-        x = _fastest_squared_speed(s, first, second, v_max, a_max)
+    def along(s: Array, x: Array, window: float) -> _Timing:
+        """From the squared speeds x at the grid points s."""
         speed = np.sqrt(x)
         ds = np.diff(s)
         duration = 2 * ds / (speed[:-1] + speed[1:])
@@ -245,15 +286,13 @@ class _Timing:
         return integral + beyond * self.position[-1], position, speed
 
 
-def _fastest_squared_speed(s: Array, first: Array, second: Array, v_max: Array, a_max: Array) -> Array:
+def _fastest_squared_speed(s: Array, first: Array, second: Array, cap: Array, a_max: Array) -> Array:
     """x = sd^2 at each grid point of the fastest motion that begins and ends at rest.
 
-    At a grid point, with u = sdd: `|first u + second x| <= a_max` and `first^2 x <= v_max^2`; from one point to the
+    At a grid point, with u = sdd: `|first u + second x| <= a_max` and `x <= cap`; from one point to the
     next `x' = x + 2 ds u`. Backward, the largest x from which the end can still be reached at rest; forward, the
     largest u that stays below it.
     """
-    with np.errstate(divide="ignore"):
-        cap = np.min((v_max / np.maximum(np.abs(first), _SMALLEST)) ** 2, axis=1)
     ds = np.diff(s)
     limit = np.zeros(len(s))
     for i in range(len(s) - 2, -1, -1):

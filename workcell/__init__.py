@@ -1,1 +1,71 @@
-"""workcell: a MuJoCo-simulated manipulation workcell with verified inverse kinematics in the loop."""
+"""workcell: a MuJoCo-simulated manipulation workcell with verified inverse kinematics in the loop.
+
+Public names are imported when first used, so that `import workcell` costs next to nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from workcell.errors import WorkcellError
+    from workcell.geometry.types import FreeSpace, Piece, SphereCover
+    from workcell.ik.problem import Budget, IKProblem, Tolerances
+    from workcell.ik.result import IKResult, Status
+    from workcell.ik.solve import solve
+    from workcell.ik.verify import verify
+    from workcell.job import Job, run_task
+    from workcell.model.load import load_robot
+    from workcell.model.robot import Robot
+    from workcell.model.scene import Scene
+    from workcell.motion.follow import FollowLimits, follow, line
+    from workcell.motion.path import Path, Trajectory
+    from workcell.motion.retime import retime
+    from workcell.motion.world import PlanningWorld
+    from workcell.pose import Pose
+    from workcell.record.recording import Recording
+    from workcell.record.review import review
+    from workcell.simulate.execute import Simulation
+
+_HOMES = {
+    "WorkcellError": "errors",
+    "FreeSpace": "geometry.types",
+    "Piece": "geometry.types",
+    "SphereCover": "geometry.types",
+    "Budget": "ik.problem",
+    "IKProblem": "ik.problem",
+    "Tolerances": "ik.problem",
+    "IKResult": "ik.result",
+    "Status": "ik.result",
+    "solve": "ik.solve",
+    "verify": "ik.verify",
+    "Job": "job",
+    "run_task": "job",
+    "load_robot": "model.load",
+    "Robot": "model.robot",
+    "Scene": "model.scene",
+    "FollowLimits": "motion.follow",
+    "follow": "motion.follow",
+    "line": "motion.follow",
+    "Path": "motion.path",
+    "Trajectory": "motion.path",
+    "retime": "motion.retime",
+    "PlanningWorld": "motion.world",
+    "Pose": "pose",
+    "Recording": "record.recording",
+    "review": "record.review",
+    "Simulation": "simulate.execute",
+}
+
+__all__ = sorted(_HOMES)  # noqa: PLE0605
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'workcell' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"workcell.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOMES])

@@ -38,7 +38,9 @@ class ModelError(WorkcellError):
 class UnknownNameError(WorkcellError):
     """A robot, task, goal, site, solver ... of that name does not exist; the message lists those that do."""
 
-    def __init__(self, kind: str, name: str, known: Iterable[str], *, where: str | Path | None = None) -> None:
+    def __init__(
+        self, kind: str, name: str, known: Iterable[str], *, where: str | Path | None = None
+    ) -> None:
         self.kind, self.name, self.known = kind, name, sorted(known)
         close = difflib.get_close_matches(name, self.known, n=3, cutoff=0.5)
         hint = f"did you mean {' or '.join(close)}? " if close else ""

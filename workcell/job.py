@@ -61,10 +61,10 @@ class Job:
 
     def require(self, result: IKResult, what: str) -> IKResult:
         """The result when solved; otherwise the task ends with its status."""
-        if result.solved:
-            return result
-        because = f" ({'; '.join(result.rejected[:2])})" if result.rejected else ""
-        self.fail(result.status.value, f"{what}: {result.status.sentence}{because}")
+        if not result.solved:
+            because = f" ({'; '.join(result.rejected[:2])})" if result.rejected else ""
+            self.fail(result.status.value, f"{what}: {result.status.sentence}{because}")
+        return result
 
     def fail(self, status: str, sentence: str) -> NoReturn:
         """End the task as not achieved."""

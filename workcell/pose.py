@@ -95,7 +95,8 @@ def axis_angle_to_matrix(axis: ArrayLike, angle: ArrayLike) -> Array:
         ],
         axis=-2,
     )
-    return np.eye(3) + np.sin(t) * K + (1 - np.cos(t)) * (K @ K)
+    rotation: Array = np.eye(3) + np.sin(t) * K + (1 - np.cos(t)) * (K @ K)
+    return rotation
 
 
 def slerp(quat_a: ArrayLike, quat_b: ArrayLike, fraction: float) -> Array:

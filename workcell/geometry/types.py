@@ -13,7 +13,15 @@ from workcell.pose import Array, Pose, read_only
 
 PieceKind = Literal["box", "sphere", "capsule", "cylinder", "ellipsoid", "halfspace", "hull"]
 
-_SIZES: dict[str, int] = {"box": 3, "sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "halfspace": 0, "hull": 0}
+_SIZES: dict[str, int] = {
+    "box": 3,
+    "sphere": 1,
+    "capsule": 2,
+    "cylinder": 2,
+    "ellipsoid": 3,
+    "halfspace": 0,
+    "hull": 0,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,15 +46,23 @@ class Piece:
     def __post_init__(self) -> None:
         size = np.asarray(self.size, dtype=float).reshape(-1)
         if self.kind not in _SIZES:
-            raise InputError(f"unknown kind of piece {self.kind!r}", where=self.name, remedy=", ".join(_SIZES))
+            raise InputError(
+                f"unknown kind of piece {self.kind!r}", where=self.name, remedy=", ".join(_SIZES)
+            )
         if size.shape != (_SIZES[self.kind],) or not np.all(np.isfinite(size)) or np.any(size <= 0):
             raise InputError(
-                f"a {self.kind} takes {_SIZES[self.kind]} positive sizes, not {size.tolist()}", where=self.name
+                f"a {self.kind} takes {_SIZES[self.kind]} positive sizes, not {size.tolist()}",
+                where=self.name,
             )
         object.__setattr__(self, "size", read_only(size))
         if self.kind == "hull":
             vertices = np.asarray(self.vertices, dtype=float)
-            if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) < 4 or not np.all(np.isfinite(vertices)):
+            if (
+                vertices.ndim != 2
+                or vertices.shape[1] != 3
+                or len(vertices) < 4
+                or not np.all(np.isfinite(vertices))
+            ):
                 raise InputError("a hull takes at least four finite vertices (k, 3)", where=self.name)
             object.__setattr__(self, "vertices", read_only(vertices))
 

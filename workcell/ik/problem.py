@@ -35,7 +35,9 @@ class Budget:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.cpu_s) and self.cpu_s >= 0):
-            raise InputError(f"a budget of {self.cpu_s} s makes no sense", where="budget", remedy="a finite number >= 0")
+            raise InputError(
+                f"a budget of {self.cpu_s} s makes no sense", where="budget", remedy="a finite number >= 0"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +87,9 @@ class IKProblem:
     def __post_init__(self) -> None:
         if not self.robot.is_serial:
             raise InputError(
-                f"{self.robot.name} is a tree", where="robot", remedy="pass robot.chain(tool), the joints up to one tool"
+                f"{self.robot.name} is a tree",
+                where="robot",
+                remedy="pass robot.chain(tool), the joints up to one tool",
             )
         if self.q_reference is not None:
             reference = self.robot.configuration(self.q_reference, where="q_reference")

@@ -26,7 +26,10 @@ GRASP = "grasp:{robot}:{object}"
 def build_scene(source: str | Path, robot: str | None) -> Scene:
     """See `Scene.load`."""
     task = _task_of(source, robot)
-    spec = load_spec(task.cell, kind="cells", relative_to=task.path.parent)
+    return _compiled(load_spec(task.cell, kind="cells", relative_to=task.path.parent), task)
+
+
+def _compiled(spec: mujoco.MjSpec, task: TaskFile) -> Scene:
     homes = {entry.name: _attach_robot(spec, entry, task) for entry in task.robots}
     for entry in task.objects:
         _attach_object(spec, entry, task)
@@ -49,6 +52,15 @@ def build_scene(source: str | Path, robot: str | None) -> Scene:
         task=task.task,
     )
     return replace(scene, goals=_goals(scene, task))
+
+
+def robot_scene(robot: str | Path) -> Scene:
+    """A robot alone in an empty world, base at the world's origin; raises as `load_robot`."""
+    import mujoco
+
+    path = find_asset("robots", robot)
+    task = TaskFile(path, path.stem, "", (RobotEntry(path.stem, str(path)),))
+    return _compiled(mujoco.MjSpec(), task)
 
 
 def _task_of(source: str | Path, robot: str | None) -> TaskFile:

@@ -43,6 +43,7 @@ class PlanningWorld:
         scene: Scene,
         robot: str | None = None,
         *,
+        tool: str | None = None,
         overshoot: float = 0.02,
         ignored: Iterable[str] = (),
         allowed: Iterable[tuple[str, str]] = (),
@@ -55,6 +56,7 @@ class PlanningWorld:
         Args:
             scene: the scene.
             robot: the robot's name; None: the only one.
+            tool: the site to place; None: the robot's own.
             overshoot: of the sphere cover, metres.
             ignored: objects (by name) that count as free space, such as one about to be grasped.
             allowed: pairs of body names whose contact is intended.
@@ -63,10 +65,14 @@ class PlanningWorld:
             seed: of the free space's random seeds.
         """
         actor = scene.robot(robot)
+        if tool is not None:
+            actor = replace(actor, robot=replace(actor.robot, default_tool=actor.robot.tool(tool).name))
         cover = robot_cover(scene.model, actor, overshoot=overshoot)
         carried = () if attached is None else (attached[0],)
         if attached is not None:
-            cover = merge_covers(cover, attached_cover(scene, actor, attached[0], attached[1], overshoot=overshoot))
+            cover = merge_covers(
+                cover, attached_cover(scene, actor, attached[0], attached[1], overshoot=overshoot)
+            )
         obstacles = scene_obstacles(scene, actor.name, exclude_objects=(*ignored, *carried))
         bodies = [scene.model.body(body).name for name in ignored for body in scene.object(name).body_ids]
         collision = CollisionModel(scene, actor.name, attached=attached, ignored=bodies, allowed=allowed)

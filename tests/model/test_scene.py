@@ -1,0 +1,168 @@
+"""`Scene.load`: robots and objects attached in place, goals resolved, and every mistake in a task file named."""
+
+import numpy as np
+import pytest
+
+from workcell.errors import ModelError, UnknownNameError, WorkcellError
+from workcell.model.contact import CollisionModel
+from workcell.model.scene import Scene
+from workcell.pose import Pose
+
+TASK = """
+format = "workcell-task/1"
+name = "toy"
+cell = "shelf"
+[[robots]]
+name = "sawyer"
+model = "sawyer"
+mount = "robot_mount"
+gripper = "parallel_gripper"
+gripper_site = "right_hand"
+[[objects]]
+name = "mug"
+model = "mug"
+place = "mug_place"
+[[goals]]
+name = "grasp"
+robot = "sawyer"
+relative_to = "mug/grasp"
+xyz = [0, 0, -0.1]
+[task]
+object = "mug"
+"""
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    path = tmp_path_factory.mktemp("task") / "toy.toml"
+    path.write_text(TASK)
+    return Scene.load(path)
+
+
+def test_names_addresses_and_start(scene):
+    arm = scene.robot()
+    assert arm.robot.dof == 7 and arm.gripper == "sawyer/gripper/gripper"
+    assert arm.robot.default_tool == "gripper/tool"
+    assert {"shelf", "table"} <= set(scene.obstacles)
+    qpos = scene.initial_qpos()
+    assert np.array_equal(qpos[arm.qpos_addresses], arm.start)
+    assert scene.object("mug").qpos_address is not None
+    assert scene.task["object"] == "mug"
+
+
+def test_goals_are_relative_to_their_site(scene):
+    expected = scene.site_pose("mug/grasp") @ Pose.from_xyz([0, 0, -0.1])
+    assert np.allclose(scene.goal("grasp").pose.matrix, expected.matrix)
+
+
+def test_robot_kinematics_are_those_of_the_compiled_scene(scene):
+    arm = scene.robot()
+    rng = np.random.default_rng(0)
+    for q in arm.robot.random_configuration(rng, 10):
+        qpos = np.array(scene.initial_qpos())
+        qpos[arm.qpos_addresses] = q
+        assert np.allclose(
+            scene.site_pose("sawyer/gripper/tool", qpos).matrix, arm.robot.fk(q).matrix, atol=1e-12
+        )
+
+
+def test_distance_is_the_smallest_over_all_pairs(scene):
+    import mujoco
+
+    collision = CollisionModel(scene)
+    data = mujoco.MjData(scene.model)
+    arm = scene.robot()
+    for q in arm.robot.random_configuration(np.random.default_rng(1), 8):
+        found = collision.distance(q)
+        data.qpos[:] = collision.full_qpos(q)
+        mujoco.mj_kinematics(scene.model, data)
+        distances = [
+            mujoco.mj_geomDistance(scene.model, data, int(a), int(b), 10.0, None) for a, b in collision._pairs
+        ]
+        assert found.distance == pytest.approx(min(distances), abs=1e-9)
+
+
+def test_a_penetrating_contact_of_the_simulator_is_always_seen(scene):
+    """Whatever MuJoCo reports as a contact of the robot, the distances report as negative: same filter rules."""
+    import mujoco
+
+    collision = CollisionModel(scene)
+    arm, data = scene.robot(), mujoco.MjData(scene.model)
+    for q in arm.robot.random_configuration(np.random.default_rng(2), 40):
+        data.qpos[:] = collision.full_qpos(q)
+        mujoco.mj_forward(scene.model, data)
+        touching = [
+            c
+            for c in data.contact
+            if c.dist < -1e-6 and {int(scene.model.geom_bodyid[g]) for g in c.geom} & arm.body_ids
+        ]
+        assert bool(touching) == (collision.distance(q).distance < -1e-6)
+
+
+def test_a_carried_object_moves_with_the_hand(scene):
+    arm = scene.robot()
+    grip = Pose.from_xyz([0.0, 0.0, 0.01])
+    collision = CollisionModel(scene, attached=("mug", grip))
+    q = arm.start
+    qpos = collision.full_qpos(q)
+    at = scene.object("mug").qpos_address
+    assert np.allclose(qpos[at : at + 3], (arm.robot.fk(q) @ grip).position)
+    names = {name for pair in collision.pairs for name in pair}
+    assert any(name.startswith("mug/") for name in names)
+    assert not any(a.startswith("mug/") and "gripper" in b for a, b in collision.pairs)
+
+
+def test_allowed_and_ignored_bodies(scene):
+    everything = CollisionModel(scene).pairs
+    mug = scene.model.body(scene.object("mug").body_id).name
+    without = CollisionModel(scene, ignored=[mug]).pairs
+    assert len(without) < len(everything)
+    assert not any(name.startswith("mug/") for pair in without for name in pair)
+
+
+def test_a_cell_alone_takes_a_robot():
+    scene = Scene.load("shelf", robot="ur10")
+    assert scene.robot().robot.dof == 6 and not scene.goals
+    assert not Scene.load("shelf").robots
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('cell = "shelf"', "", "cell is missing"),
+        ('cell = "shelf"', 'cell = "shelv"', "did you mean shelf"),
+        ('cell = "shelf"', 'cell = "no/such.xml"', "no such file"),
+        ('model = "sawyer"', 'model = "sawyr"', "did you mean sawyer"),
+        ('model = "mug"', 'model = "mugg"', "no object named"),
+        ('mount = "robot_mount"', 'mount = "robot_mont"', "did you mean robot_mount"),
+        ('gripper_site = "right_hand"', 'gripper_site = "left_hand"', "no site named"),
+        ('place = "mug_place"', 'place = "cup_plac"', "did you mean cup_place"),
+        ('relative_to = "mug/grasp"', 'relative_to = "mug/grip"', "no site named"),
+        ("xyz = [0, 0, -0.1]", "xyz = [0, 0]", "not a pose"),
+        ("xyz = [0, 0, -0.1]", "xyz = [0, 0, nan]", "not finite"),
+        ("xyz = [0, 0, -0.1]", "xyz = [0, 0, 1]\nquat_wxyz = [1, 1, 0, 0]", "length"),
+        ("xyz = [0, 0, -0.1]", 'xyz = "here"', "a list of numbers"),
+        ('robot = "sawyer"', 'robot = "baxter"', "no robot named"),
+        ('name = "toy"', 'nam = "toy"', "did you mean name"),
+        ('format = "workcell-task/1"', 'format = "x"', "format is"),
+        ("[task]", "[task", "not valid TOML"),
+        ('gripper_site = "right_hand"', 'gripper_site = "right_hand"\nstart = [1, 2]', "takes 7 joint values"),
+        ('gripper_site = "right_hand"', 'gripper_site = "right_hand"\nstart = [9, 0, 0, 0, 0, 0, 0]', "outside its joint limits"),
+    ],
+)  # fmt: skip
+def test_mistakes_in_a_task_file_are_named(tmp_path, old, new, says):
+    assert old in TASK
+    path = tmp_path / "bad.toml"
+    path.write_text(TASK.replace(old, new, 1))
+    with pytest.raises(WorkcellError, match=says) as caught:
+        Scene.load(path)
+    assert "bad.toml" in str(caught.value) or isinstance(caught.value, UnknownNameError | ModelError)
+
+
+def test_unknown_goals_objects_and_tasks(scene):
+    with pytest.raises(UnknownNameError, match="did you mean grasp"):
+        scene.goal("grsp")
+    with pytest.raises(UnknownNameError, match="known: mug"):
+        scene.object("teapot")
+    with pytest.raises(UnknownNameError, match="did you mean shelf"):
+        Scene.load("shelff")

@@ -6,7 +6,7 @@ import importlib.util
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -38,16 +38,25 @@ class Job:
         planner: name of the solver for configurations and paths.
         seed: same seed, same plan.
         recording: the open `.rrd`.
-        say: prints one line of the story, and logs it.
+        tell: where lines of the story go.
         summary: what `DIR/<task>.json` will hold.
+        began: `time.perf_counter()` when the run began.
+        sim_time: seconds simulated so far, the time of the events that are logged.
     """
 
     scene: Scene
     planner: str
     seed: int
     recording: Recording
-    say: Callable[[str], None]
-    summary: dict[str, Any] = field(default_factory=dict)
+    tell: Callable[[str], None]
+    summary: dict[str, Any]
+    began: float
+    sim_time: float = 0.0
+
+    def say(self, text: str, level: str = "INFO") -> None:
+        """One line of the story, on the terminal and in the recording's log."""
+        self.recording.event(self.sim_time, text, level)
+        self.tell(f"[{time.perf_counter() - self.began:6.2f} s] {text}")
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
@@ -105,7 +114,7 @@ def run_task(
         WorkcellError: bad input; OutputError: the folder can't be written.
     """
     from workcell.record.recording import Recording
-    from workcell.record.summary import prepare_folder, write_json_atomic
+    from workcell.record.summary import write_json_atomic
 
     if planner not in PLANNERS:
         raise UnknownNameError("planner", planner, PLANNERS)
@@ -113,7 +122,7 @@ def run_task(
     path = find_task(task)
     script = _load_script(path)
     scene = Scene.load(path, robot=robot)
-    folder = prepare_folder(Path(out) if out is not None else Path("runs") / path.stem)
+    folder = Path(out) if out is not None else Path("runs") / path.stem
     name = scene.name
     summary: dict[str, Any] = {
         "task": name,
@@ -125,23 +134,22 @@ def run_task(
         "sentence": "The run was interrupted.",
     }
     recording_path, summary_path = folder / f"{name}.rrd", folder / f"{name}.json"
-    with Recording(recording_path, application=name) as recording:
-
-        def tell(text: str) -> None:
-            recording.event(None, text)
-            say(f"[{time.perf_counter() - began:6.2f} s] {text}")
-
-        job = Job(scene, planner, seed, recording, tell, summary)
-        try:
+    recording = Recording(recording_path, task=name, seed=seed)
+    job = Job(scene, planner, seed, recording, say, summary, began)
+    try:
+        with recording:
             recording.log_scene(scene)
-            script(job)
-            summary.update(achieved=True, status="ACHIEVED", sentence="The task was achieved.")
-        except TaskFailedError as failure:
-            summary.update(achieved=False, status=failure.status, sentence=failure.sentence)
-            tell(f"{failure.status}: {failure.sentence}")
-        finally:
+            try:
+                script(job)
+                summary.update(achieved=True, status="ACHIEVED", sentence="The task was achieved.")
+            except TaskFailedError as failure:
+                summary.update(achieved=False, status=failure.status, sentence=failure.sentence)
+                job.say(f"{failure.status}: {failure.sentence}", level="ERROR")
             summary["wall_s"] = time.perf_counter() - began
             recording.set_result(summary)
+    except BaseException:
+        say(f"stopped; what was recorded until then: {recording.partial_path}")
+        raise
     write_json_atomic(summary_path, summary)
     return JobResult(
         bool(summary["achieved"]),

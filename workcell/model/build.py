@@ -93,7 +93,7 @@ def _attach_robot(spec: mujoco.MjSpec, entry: RobotEntry, task: TaskFile) -> dic
     home = _take_home(arm, entry.model)
     if entry.gripper is not None:
         gripper = load_spec(entry.gripper, relative_to=task.path.parent)
-        _take_home(gripper, entry.gripper)
+        home |= {f"gripper/{joint}": value for joint, value in _take_home(gripper, entry.gripper).items()}
         site = arm.site(entry.gripper_site)
         if site is None:
             raise UnknownNameError(
@@ -228,6 +228,11 @@ def _scene_robot(
         actuator_ids=np.array([actuator_of_joint(model, j) for j in joints]),
         gripper=_gripper_actuator(model, prefix, robot.joint_names),
         start=start,
+        fingers=tuple(
+            (int(model.jnt_qposadr[model.joint(prefix + name).id]), value)
+            for name, value in home.items()
+            if name not in robot.joint_names
+        ),
     )
 
 

@@ -38,6 +38,7 @@ class CollisionModel:
         attached: (object name, T_tool_object): an object that the hand carries; it counts as robot.
         allowed: pairs of body names whose contact is intended.
         ignored: bodies (names) that don't count at all, e.g. an object about to be grasped.
+        allowed_geoms: pairs of geom ids whose contact is intended, e.g. an object and the board it stands on.
     """
 
     def __init__(
@@ -49,6 +50,7 @@ class CollisionModel:
         attached: tuple[str, Pose] | None = None,
         allowed: Iterable[tuple[str, str]] = (),
         ignored: Iterable[str] = (),
+        allowed_geoms: Iterable[tuple[int, int]] = (),
     ) -> None:
         import mujoco
 
@@ -69,6 +71,9 @@ class CollisionModel:
             self._T_tool_object = attached[1]
         moving = set(self.robot.body_ids) | (self._attached.body_ids if self._attached else set())
         self._pairs = _colliding_pairs(scene, moving, self._attached, self.robot, allowed, ignored)
+        intended = {frozenset(pair) for pair in allowed_geoms}
+        kept = [frozenset((int(a), int(b))) not in intended for a, b in self._pairs]
+        self._pairs = self._pairs[np.array(kept, dtype=bool)]
         self._pad = scene.model.geom_rbound.copy()
         self._pad[self._pad == 0.0] = np.inf
         self._fromto = np.zeros(6)

@@ -32,6 +32,7 @@ class SceneRobot:
         qpos_addresses, dof_addresses, actuator_ids: (n,) in the robot's joint order.
         gripper: name of the actuator that closes its gripper, or None.
         start: (n,) configuration at the start of the task.
+        fingers: (address in qpos, home value) of the joints that are not planned for: the gripper's.
     """
 
     name: str
@@ -44,6 +45,7 @@ class SceneRobot:
     actuator_ids: NDArray[np.int64]
     gripper: str | None
     start: Array
+    fingers: tuple[tuple[int, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +133,8 @@ class Scene:
         """Raw MuJoCo positions (nq,) with every robot at its start and every object in its place; read-only."""
         qpos = np.array(self.model.qpos0)
         for robot in self.robots.values():
+            for address, value in robot.fingers:
+                qpos[address] = value
             qpos[robot.qpos_addresses] = robot.start
         return read_only(qpos)
 

@@ -305,8 +305,10 @@ def _fastest_squared_speed(s: Array, first: Array, second: Array, cap: Array, a_
 
 
 def _acceleration_range(first: Array, second: Array, a_max: Array, x: float) -> tuple[float, float]:
-    """Smallest and largest u with `|first u + second x| <= a_max` in every joint."""
+    """Smallest and largest u with `|first u + second x| <= a_max` in every joint that moves."""
     moving = np.abs(first) > _SMALLEST
+    if not moving.any():
+        return -np.inf, np.inf
     f, c = np.abs(first[moving]), second[moving] * np.sign(first[moving]) * x
     return float(np.max((-a_max[moving] - c) / f)), float(np.min((a_max[moving] - c) / f))
 

@@ -1,0 +1,105 @@
+"""Rows of an `Execution` while they are being written, and MuJoCo's warnings while it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from workcell.model.contact import Distance
+from workcell.pose import Array, rotation_vector
+from workcell.simulate.execution import ContactEvent, Event, Execution, Stop
+
+
+@dataclass(slots=True)
+class Worst:
+    """The largest errors and torques since the last row."""
+
+    error_m: float = 0.0
+    error_rad: float = 0.0
+    torque: Array | None = None
+
+    def update(self, actual: Array, wanted: Array, torque: Array) -> None:
+        """Take one control step into account; `actual` and `wanted` are tool poses (4, 4)."""
+        self.error_m = max(self.error_m, float(np.linalg.norm(actual[:3, 3] - wanted[:3, 3])))
+        angle = float(np.linalg.norm(rotation_vector(actual[:3, :3].T @ wanted[:3, :3])))
+        self.error_rad = max(self.error_rad, angle)
+        self.torque = np.abs(torque) if self.torque is None else np.maximum(self.torque, np.abs(torque))
+
+
+@dataclass(slots=True)
+class Rows:
+    """Lists that `take` turns into an `Execution`, leaving them empty."""
+
+    dof: int
+    nq: int
+    time: list[float] = field(default_factory=list)
+    qpos: list[Array] = field(default_factory=list)
+    q: list[Array] = field(default_factory=list)
+    q_reference: list[Array] = field(default_factory=list)
+    torque: list[Array] = field(default_factory=list)
+    tool: list[Array] = field(default_factory=list)
+    error: list[tuple[float, float]] = field(default_factory=list)
+    distance: list[Distance] = field(default_factory=list)
+    contacts: list[ContactEvent] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    saturated: int = 0
+    stop: Stop | None = None
+
+    def add(
+        self,
+        time: float,
+        qpos: Array,
+        q: Array,
+        q_reference: Array,
+        tool: Array,
+        worst: Worst,
+        distance: Distance,
+    ) -> None:
+        """One row."""
+        self.time.append(time)
+        self.qpos.append(qpos)
+        self.q.append(q)
+        self.q_reference.append(np.array(q_reference))
+        self.torque.append(np.zeros(self.dof) if worst.torque is None else worst.torque)
+        self.tool.append(np.array(tool))
+        self.error.append((worst.error_m, worst.error_rad))
+        self.distance.append(distance)
+
+    def take(self) -> Execution:
+        """All rows so far; the lists are empty afterwards."""
+        taken = Execution(
+            time=np.array(self.time),
+            qpos=np.array(self.qpos).reshape(-1, self.nq),
+            q=np.array(self.q).reshape(-1, self.dof),
+            q_reference=np.array(self.q_reference).reshape(-1, self.dof),
+            torque=np.array(self.torque).reshape(-1, self.dof),
+            tool_position=np.array(self.tool).reshape(-1, 3),
+            tracking_error_m=np.array([error[0] for error in self.error]),
+            tracking_error_rad=np.array([error[1] for error in self.error]),
+            clearance=np.array([d.distance for d in self.distance]),
+            clearance_pair=tuple(d.pair for d in self.distance),
+            clearance_points=np.array([d.points for d in self.distance]).reshape(-1, 2, 3),
+            contacts=tuple(self.contacts),
+            events=tuple(self.events),
+            saturated_steps=self.saturated,
+            stop=self.stop,
+        )
+        self.__init__(self.dof, self.nq)  # type: ignore[misc]
+        return taken
+
+
+@contextmanager
+def captured_warnings() -> Iterator[list[str]]:
+    """Collect MuJoCo's warnings, which would otherwise go to the console and a log file in the working directory."""
+    import mujoco
+
+    messages: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(messages.append)
+    try:
+        yield messages
+    finally:
+        mujoco.set_mju_user_warning(before)

@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import importlib.util
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from pathlib import Path as FilePath
+from typing import Any, NoReturn
 
 from workcell.errors import ModelError, UnknownNameError
+from workcell.ik.problem import IKProblem
 from workcell.ik.result import IKResult, Status
+from workcell.ik.solve import solve
 from workcell.model.data import find_task
 from workcell.model.scene import Scene
-
-if TYPE_CHECKING:
-    from workcell.record.recording import Recording
+from workcell.motion.follow import FollowLimits, follow, step_solver
+from workcell.motion.path import Path
+from workcell.motion.world import PlanningWorld
+from workcell.pose import Array, Pose
+from workcell.record.recording import Recording
+from workcell.record.summary import write_json_atomic
+from workcell.simulate.execution import Execution
+from workcell.simulate.simulation import Simulation
 
 PLANNERS = ("ikspark", "auto")
 
@@ -68,16 +75,88 @@ class Job:
             key = f"{name}_s"
             self.summary[key] = self.summary.get(key, 0.0) + time.perf_counter() - start
 
-    def require(self, result: IKResult, what: str) -> IKResult:
-        """The result when solved; otherwise the task ends with its status."""
-        if not result.solved:
-            because = f" ({'; '.join(result.rejected[:2])})" if result.rejected else ""
-            self.fail(result.status.value, f"{what}: {result.status.sentence}{because}")
-        return result
-
     def fail(self, status: str, sentence: str) -> NoReturn:
         """End the task as not achieved."""
         raise TaskFailedError(status, sentence)
+
+    def solve(self, problem: IKProblem, what: str) -> IKResult:
+        """A verified configuration; without one the task ends with the solver's status."""
+        result = solve(problem, solver=self.planner, seed=self.seed)
+        if not result.solved:
+            because = f" ({'; '.join(result.rejected[:2])})" if result.rejected else ""
+            self.fail(result.status.value, f"{what}: {result.status.sentence}{because}")
+        first, second = result.clearance.pair
+        self.say(f"{what}: verified, {1e3 * result.clearance.distance:.0f} mm clear ({first} to {second})")
+        return result
+
+    def follow(self, world: PlanningWorld, poses: Sequence[Pose], q_start: Array, limits: FollowLimits, what: str) -> Path:
+        """A continuous joint path along tool poses; without one the task ends with the reason and the place."""
+        solver = step_solver(self.planner, seed=self.seed)
+        result = follow(world.problem(poses[0]), poses, q_start, limits=limits, solver=solver)
+        if result.path is None or result.metrics is None or not result.followed:
+            failure = result.failure
+            where = "" if failure is None else f" at pose {failure.waypoint} of {len(poses)}: {failure.detail}"
+            self.fail(result.status.value, f"{what}{where}. {result.status.sentence}")
+        metrics = result.metrics
+        self.say(
+            f"{what}: {metrics.waypoints} waypoints, largest step {metrics.largest_step:.3f} rad, "
+            f"at least {1e3 * metrics.clearance_between:.0f} mm clear between waypoints too"
+        )
+        return result.path
+
+    def log_world(self, world: PlanningWorld) -> None:
+        """Sphere cover and free space into the recording, their numbers into the story."""
+        self.recording.log_cover(world.robot, world.cover, self.scene.initial_qpos())
+        self.recording.log_free_space(world.free_space)
+        self.say(
+            f"{self.scene.name}: {len(world.obstacles)} obstacle pieces, {len(world.cover)} robot spheres, "
+            f"{len(world.free_space)} free-space cuboids"
+        )
+
+    def log_plan(self, path: Path) -> None:
+        """The planned way of the tool into the recording."""
+        tools = path.robot.fk_transform(path.configurations)[:, :3, 3]
+        self.recording.log_plan(path.robot.name, tools)
+
+    def simulation(self) -> Simulation:
+        """A simulation of the scene that logs into the recording."""
+        return Simulation(self.scene, on_chunk=self._log_chunk)
+
+    def _log_chunk(self, chunk: Execution) -> None:
+        metrics = {"clearance": chunk.clearance, "tracking_error": chunk.tracking_error_m}
+        if len(chunk):
+            self.recording.log_states(chunk.time, chunk.qpos, metrics)
+            self.sim_time = float(chunk.time[-1])
+        for event in chunk.events:
+            self.recording.event(event.time, event.text, event.level)
+            self.tell(f"[{time.perf_counter() - self.began:6.2f} s] at {event.time:5.2f} s: {event.text}")
+
+    def judge(self, simulation: Simulation, conditions: Mapping[str, bool]) -> None:
+        """Write what the simulation measured into the summary; the task fails unless every condition holds.
+
+        Beside the given conditions: the run was not stopped, nothing touched that should not, clearance stayed at
+        or above zero.
+        """
+        execution = simulation.result()
+        pair = execution.min_clearance_pair
+        self.summary.update(
+            simulated_s=simulation.time,
+            min_clearance_m=execution.min_clearance,
+            min_clearance_pair=list(pair),
+            max_tracking_error_m=float(execution.tracking_error_m.max(initial=0.0)),
+            unintended_contacts=len(execution.contacts),
+        )
+        if execution.stop is not None:
+            self.fail(execution.stop.reason.value, f"{execution.stop.reason.sentence} {execution.stop.detail}")
+        checks = {
+            "no unintended contact": not execution.contacts,
+            "clearance never below zero": execution.min_clearance >= 0.0,
+            **conditions,
+        }
+        self.summary["conditions"] = checks
+        missed = [name for name, holds in checks.items() if not holds]
+        if missed:
+            self.fail("FAILED", f"The job was executed, but: not {'; not '.join(missed)}.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +167,8 @@ class JobResult:
     status: str
     sentence: str
     summary: dict[str, Any]
-    recording: Path
-    summary_path: Path
+    recording: FilePath
+    summary_path: FilePath
 
     @property
     def impossible(self) -> bool:
@@ -98,12 +177,12 @@ class JobResult:
 
 
 def run_task(
-    task: str | Path,
+    task: str | FilePath,
     *,
     robot: str | None = None,
     planner: str = "ikspark",
     seed: int = 0,
-    out: str | Path | None = None,
+    out: str | FilePath | None = None,
     say: Callable[[str], None] = print,
 ) -> JobResult:
     """Run a task script and leave `<task>.rrd` and `<task>.json` in `out` (default: `runs/<task>`).
@@ -113,16 +192,13 @@ def run_task(
     Raises:
         WorkcellError: bad input; OutputError: the folder can't be written.
     """
-    from workcell.record.recording import Recording
-    from workcell.record.summary import write_json_atomic
-
     if planner not in PLANNERS:
         raise UnknownNameError("planner", planner, PLANNERS)
     began = time.perf_counter()
     path = find_task(task)
     script = _load_script(path)
     scene = Scene.load(path, robot=robot)
-    folder = Path(out) if out is not None else Path("runs") / path.stem
+    folder = FilePath(out) if out is not None else FilePath("runs") / path.stem
     name = scene.name
     summary: dict[str, Any] = {
         "task": name,
@@ -161,7 +237,7 @@ def run_task(
     )
 
 
-def _load_script(task_file: Path) -> Callable[[Job], None]:
+def _load_script(task_file: FilePath) -> Callable[[Job], None]:
     """The function `run(job)` of the script beside a task file."""
     path = task_file.with_suffix(".py")
     if not path.is_file():

@@ -138,6 +138,16 @@ class Scene:
             qpos[robot.qpos_addresses] = robot.start
         return read_only(qpos)
 
+    def object_pose(self, name: str, qpos: Array | None = None) -> Pose:
+        """World pose of an object's root body, initially or at raw positions (nq,); raises UnknownNameError."""
+        import mujoco
+
+        body = self.object(name).body_id
+        data = mujoco.MjData(self.model)
+        data.qpos[:] = self.initial_qpos() if qpos is None else qpos
+        mujoco.mj_kinematics(self.model, data)
+        return Pose(data.xpos[body], data.xquat[body])
+
     def site_pose(self, name: str, qpos: Array | None = None) -> Pose:
         """World pose of a site, initially or at raw positions (nq,); raises UnknownNameError."""
         return site_pose(self.model, name, self.initial_qpos() if qpos is None else qpos, self.path)

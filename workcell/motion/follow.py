@@ -167,17 +167,17 @@ def follow(
         InputError: fewer than two poses, or a start that is not at the first pose.
     """
     tracker = _Tracker(
-        template, limits or FollowLimits(), extent or template.cover, solver or ikspark_solver()
+        template, limits or FollowLimits(), extent or template.cover, solver or step_solver()
     )
     return tracker.run(tuple(tool_poses), np.asarray(q_start, dtype=float))
 
 
-def ikspark_solver(budget: Budget | None = None, seed: int = 0) -> Solver:
-    """IKSPARK as the solver of each step, verified."""
+def step_solver(name: str = "ikspark", budget: Budget | None = None, seed: int = 0) -> Solver:
+    """A solver of `workcell.ik.solve`, by name, for each step: its answers are verified."""
     from workcell.ik.solve import solve
 
     def answer(problem: IKProblem) -> IKResult:
-        return solve(problem, solver="ikspark", budget=budget or Budget(), seed=seed)
+        return solve(problem, solver=name, budget=budget or Budget(), seed=seed)
 
     return answer
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from workcell.errors import UnknownNameError
 from workcell.geometry.cuboids import biased_seeds, inflate_cuboids
 from workcell.geometry.pieces import scene_obstacles
 from workcell.geometry.spheres import attached_cover, merge_covers, robot_cover
@@ -46,8 +47,8 @@ class PlanningWorld:
         tool: str | None = None,
         overshoot: float = 0.02,
         ignored: Iterable[str] = (),
-        allowed: Iterable[tuple[str, str]] = (),
         attached: tuple[str, Pose] | None = None,
+        supports: Iterable[str] = (),
         towards: Iterable[Array] = (),
         seed: int = 0,
     ) -> PlanningWorld:
@@ -59,8 +60,8 @@ class PlanningWorld:
             tool: the site to place; None: the robot's own.
             overshoot: of the sphere cover, metres.
             ignored: objects (by name) that count as free space, such as one about to be grasped.
-            allowed: pairs of body names whose contact is intended.
             attached: (object, T_tool_object) that the hand carries.
+            supports: geoms on which the carried object still stands: it may touch them.
             towards: configurations (n,) that the free space should hold, besides the start.
             seed: of the free space's random seeds.
         """
@@ -73,9 +74,16 @@ class PlanningWorld:
             cover = merge_covers(
                 cover, attached_cover(scene, actor, attached[0], attached[1], overshoot=overshoot)
             )
-        obstacles = scene_obstacles(scene, actor.name, exclude_objects=(*ignored, *carried))
-        bodies = [scene.model.body(body).name for name in ignored for body in scene.object(name).body_ids]
-        collision = CollisionModel(scene, actor.name, attached=attached, ignored=bodies, allowed=allowed)
+        standing = tuple(supports)
+        everything = scene_obstacles(scene, actor.name, exclude_objects=(*ignored, *carried))
+        obstacles = tuple(piece for piece in everything if piece.name not in standing)
+        collision = CollisionModel(
+            scene,
+            actor.name,
+            attached=attached,
+            ignored=[scene.model.body(body).name for name in ignored for body in scene.object(name).body_ids],
+            allowed_geoms=_geom_pairs(scene, carried, standing),
+        )
         configurations = [actor.start, *towards]
         seeds = biased_seeds(actor.robot, cover, np.array(configurations))
         free_space = inflate_cuboids(seeds, obstacles, workspace_bounds(actor.robot))
@@ -107,6 +115,19 @@ class PlanningWorld:
         upper = np.concatenate([self.free_space.upper, more.upper])
         _, kept = np.unique(np.round(np.hstack([lower, upper]), 6), axis=0, return_index=True)
         return replace(self, free_space=FreeSpace(lower[np.sort(kept)], upper[np.sort(kept)]))
+
+
+def _geom_pairs(scene: Scene, objects: Iterable[str], supports: Iterable[str]) -> list[tuple[int, int]]:
+    """Every geom of the objects with every support."""
+    model = scene.model
+    mine = {b for name in objects for b in scene.object(name).body_ids}
+    known = [model.geom(g).name for g in range(model.ngeom)]
+    below = []
+    for name in supports:
+        if name not in known:
+            raise UnknownNameError("geom", name, filter(None, known), where="supports")
+        below.append(known.index(name))
+    return [(g, other) for g in range(model.ngeom) if int(model.geom_bodyid[g]) in mine for other in below]
 
 
 def workspace_bounds(robot: Robot, slack: float = 0.2) -> Array:

@@ -1,0 +1,49 @@
+"""A Sawyer takes a mug out of a narrow shelf.
+
+Everything is planned before anything moves: a verified grasp configuration, a continuous tool path into the shelf, and
+one out of it with the mug in the hand. Then the plan is executed in MuJoCo, and judged there.
+"""
+
+from workcell import FollowLimits, Job, PlanningWorld, line, retime
+
+LIMITS = FollowLimits(max_step=0.2, clearance=0.002)  # radians between waypoints, metres to keep everywhere
+
+
+def run(job: Job) -> None:
+    """Reach in, grasp, lift, carry out, hold."""
+    scene, task = job.scene, job.scene.task
+    arm, mug, speed = scene.robot(), task["object"], task["max_tool_speed"]
+    approach, grasp, lift, retreat = (scene.goal(name).pose for name in task["path"])
+    home = arm.robot.fk(arm.start)
+
+    with job.phase("planning"):
+        # The mug is about to be grasped: the fingers may come near it, so it counts as free space.
+        shelf = PlanningWorld.of(scene, ignored=[mug], seed=job.seed)
+        goal = job.solve(shelf.problem(grasp), "grasp configuration")
+        shelf = shelf.with_free_space_around([goal.unwrap()])
+        job.log_world(shelf)
+        into_shelf = [*line(home, approach), *line(approach, grasp)[1:]]
+        reach = job.follow(shelf, into_shelf, arm.start, LIMITS, "way into the shelf")
+
+        # From here on the mug is part of the robot; until it is lifted it may touch what it stands on.
+        carried = (mug, grasp.inverse() @ scene.object_pose(mug))
+        standing = PlanningWorld.of(scene, attached=carried, supports=task["supports"], towards=[reach.end], seed=job.seed)
+        up = job.follow(standing, line(grasp, lift, 0.01), reach.end, LIMITS, "way off the board")
+        hanging = PlanningWorld.of(scene, attached=carried, towards=[up.end], seed=job.seed)
+        out = job.follow(hanging, line(lift, retreat), up.end, LIMITS, "way out with the mug")
+        job.log_plan(reach + up + out)
+        reach_motion, carry_motion = retime(reach, tool_speed=speed), retime(up + out, tool_speed=speed)
+
+    with job.phase("execution"):
+        simulation = job.simulation()
+        simulation.execute(reach_motion, "reaching into the shelf")
+        simulation.grasp(mug)
+        simulation.execute(carry_motion, "lifting the mug and carrying it out")
+        simulation.hold(task["hold_s"])
+        job.judge(
+            simulation,
+            {
+                "the mug has left the shelf": simulation.apart(mug, task["shelf"]),
+                "the mug hangs in the hand alone": simulation.held == mug and not simulation.touches(mug),
+            },
+        )

@@ -85,6 +85,12 @@ class Weld:
         hand = Pose(data.xpos[self.hand_body], data.xquat[self.hand_body])
         return hand.inverse() @ Pose(data.xpos[self.object_body], data.xquat[self.object_body])
 
+    def slip(self, data: mujoco.MjData, T_hand_object: Pose) -> float:
+        """How far the object's origin has moved in the hand since it stood at `T_hand_object`, metres."""
+        R = data.xmat[self.hand_body].reshape(3, 3)
+        now = R.T @ (data.xpos[self.object_body] - data.xpos[self.hand_body])
+        return float(np.linalg.norm(now - T_hand_object.position))
+
     def close(self, model: mujoco.MjModel, data: mujoco.MjData) -> Pose:
         """Hold the object as it stands in the hand now; returns `T_hand_object`."""
         held = self.relative_pose(data)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from workcell.model.contact import Distance
-from workcell.pose import Array, rotation_vector
+from workcell.pose import Array
 from workcell.simulate.execution import ContactEvent, Event, Execution, Stop
 
 
@@ -24,8 +24,9 @@ class Worst:
     def update(self, actual: Array, wanted: Array, torque: Array) -> None:
         """Take one control step into account; `actual` and `wanted` are tool poses (4, 4)."""
         self.error_m = max(self.error_m, float(np.linalg.norm(actual[:3, 3] - wanted[:3, 3])))
-        angle = float(np.linalg.norm(rotation_vector(actual[:3, :3].T @ wanted[:3, :3])))
-        self.error_rad = max(self.error_rad, angle)
+        # The Frobenius distance of two rotations is 2 sqrt(2) sin(angle / 2).
+        chord = float(np.linalg.norm(actual[:3, :3] - wanted[:3, :3])) / np.sqrt(8.0)
+        self.error_rad = max(self.error_rad, 2 * float(np.arcsin(min(chord, 1.0))))
         self.torque = np.abs(torque) if self.torque is None else np.maximum(self.torque, np.abs(torque))
 
 

@@ -332,7 +332,7 @@ class Simulation:
             text = f"the tool is {1000 * self._worst.error_m:.2f} mm and {self._worst.error_rad:.4f} rad off"
             self._stop(StopReason.TRACKING, text)
         if self._held is not None:
-            slip = self._held.weld.relative_pose(data).error_to(self._held.T_hand_object)[0]
+            slip = self._held.weld.slip(data, self._held.T_hand_object)
             if slip > _SLIPPED:
                 text = f"the {self._held.thing.name} slipped by {1000 * slip:.2f} mm"
                 self._stop(StopReason.LOST_GRASP, text)

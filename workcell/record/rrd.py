@@ -1,0 +1,230 @@
+"""Writing `.rrd` files with Rerun: the only place, with `reader.py`, that knows its archetypes and its xyzw order."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workcell.errors import OutputError
+from workcell.pose import Array, Pose, to_xyzw
+from workcell.record.shapes import Shape
+
+APPLICATION = "workcell"
+TIME, STEP = "sim_time", "step"
+
+
+def rerun() -> Any:
+    """The rerun module, told to leave error messages to us."""
+    os.environ.setdefault("RUST_LOG", "off")
+    import rerun as rr
+
+    return rr
+
+
+def entity(*parts: str) -> str:
+    """An entity path of names, each escaped, so that a name with a slash or a space stays one part."""
+    rr = rerun()
+    return "/".join(rr.escape_entity_path_part(part) for part in parts)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turns Rerun's failures to write into an OutputError that names the file."""
+    try:
+        yield
+    except (RuntimeError, OSError) as error:
+        raise OutputError(
+            f"the recording can't be written: {_reason(error)}",
+            where=path,
+            remedy="choose a folder that is writable and has room, with --out",
+        ) from None
+
+
+def _reason(error: Exception) -> str:
+    text = str(error)
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    for known in ("No space left on device", "File too large", "Read-only file system", "Permission denied"):
+        if known in text:
+            return known
+    if "File-writer thread" in text:
+        return "the disk is full, or the file's folder is gone"
+    return text
+
+
+class RrdWriter:
+    """One open `.rrd` file. Everything logged before a `flush` is on disk after it.
+
+    Args:
+        path: the file; an existing one is replaced.
+        recording_id: names the recording; a fresh random one when None.
+
+    Raises:
+        OutputError: by every method, when the file can't be written.
+    """
+
+    def __init__(self, path: Path, recording_id: str | None = None) -> None:
+        rr = rerun()
+        self.path, self._rr = path, rr
+        with writing(path):
+            self._stream = rr.RecordingStream(APPLICATION, recording_id=recording_id)
+            self._stream.set_log_time_enabled(False)
+            self._stream.set_log_tick_enabled(False)
+            self._stream.save(path)
+
+    def send_blueprint(self, blueprint: Any) -> None:
+        """How the viewer is to show the recording."""
+        with writing(self.path):
+            self._stream.send_blueprint(blueprint, make_active=True, make_default=True)
+
+    def flush(self) -> None:
+        """Hands everything logged so far to the operating system."""
+        with writing(self.path):
+            self._stream.flush()
+
+    def close(self) -> None:
+        """Flushes, writes the file's index and lets go of the file."""
+        with writing(self.path):
+            self._stream.flush()
+            self._stream.disconnect()
+
+    def log(self, path: str, *archetypes: Any) -> None:
+        """Static data: true at all times."""
+        with writing(self.path):
+            self._stream.log(path, *archetypes, static=True)
+
+    def log_pose(self, path: str, pose: Pose) -> None:
+        """A transform from the entity to its parent that never changes."""
+        quaternion = to_xyzw(pose.quat_wxyz)
+        self.log(path, self._rr.Transform3D(translation=pose.position, quaternion=quaternion))
+
+    def log_shape(self, path: str, shape: Shape) -> None:
+        """A solid, with its place in the parent entity."""
+        self.log_pose(path, shape.pose)
+        self.log(path, _archetype(self._rr, shape))
+
+    def log_spheres(self, path: str, centres: Array, radii: Array, rgba: Sequence[float]) -> None:
+        """Spheres (m, 3), (m,) in the entity's frame."""
+        half = np.repeat(np.asarray(radii, dtype=float)[:, None], 3, axis=1)
+        colour = colour_bytes(rgba)
+        fill = self._rr.components.FillMode.TransparentFillMajorWireframe
+        self.log(
+            path,
+            self._rr.Ellipsoids3D(
+                half_sizes=half, centers=centres, colors=[colour] * len(half), fill_mode=fill
+            ),
+        )
+
+    def log_box(self, path: str, lower: Array, upper: Array, rgba: Sequence[float]) -> None:
+        """One translucent axis-aligned box."""
+        fill = self._rr.components.FillMode.TransparentFillMajorWireframe
+        boxes = self._rr.Boxes3D(
+            half_sizes=[(upper - lower) / 2],
+            centers=[(upper + lower) / 2],
+            colors=[colour_bytes(rgba)],
+            fill_mode=fill,
+        )
+        self.log(path, boxes)
+
+    def log_frame(self, path: str, pose: Pose, length: float, label: str) -> None:
+        """Coordinate axes with a name beside them."""
+        self.log_pose(path, pose)
+        self.log(path, self._rr.TransformAxes3D(length))
+        point = self._rr.Points3D(
+            [[0, 0, 0]], radii=[length / 8], colors=[colour_bytes(GOAL_RGBA)], labels=[label]
+        )
+        self.log(path, point)
+
+    def log_axes(self, path: str, length: float) -> None:
+        """Coordinate axes at an entity whose transform is sent apart."""
+        self.log(path, self._rr.TransformAxes3D(length))
+
+    def log_strip(self, path: str, points: Array, rgba: Sequence[float], radius: float) -> None:
+        """A line through points (k, 3)."""
+        self.log(path, self._rr.LineStrips3D([points], colors=[colour_bytes(rgba)], radii=[radius]))
+
+    def log_document(self, path: str, text: str, media_type: str = "application/json") -> None:
+        """A text document."""
+        self.log(path, self._rr.TextDocument(text, media_type=media_type))
+
+    def log_property(self, name: str, values: dict[str, Any]) -> None:
+        """Properties of the recording, which the viewer lists beside its name."""
+        with writing(self.path):
+            self._stream.send_property(name, self._rr.AnyValues(**values))
+
+    def name_series(self, path: str, names: Sequence[str]) -> None:
+        """Names of the lines that `send_scalars` draws."""
+        self.log(path, self._rr.SeriesLines(names=list(names)))
+
+    def send_poses(self, path: str, indexes: Indexes, positions: Array, quats_wxyz: Array) -> None:
+        """Transforms (T, 3), (T, 4) of an entity over time."""
+        columns = self._rr.Transform3D.columns(translation=positions, quaternion=to_xyzw(quats_wxyz))
+        self._send(path, indexes, columns)
+
+    def send_scalars(self, path: str, indexes: Indexes, values: Array) -> None:
+        """One or more numbers over time: (T,) or (T, k)."""
+        self._send(path, indexes, self._rr.Scalars.columns(scalars=values))
+
+    def send_segments(self, path: str, indexes: Indexes, starts: Array, ends: Array) -> None:
+        """One line segment for each time: (T, 3) and (T, 3)."""
+        strips = np.stack([starts, ends], axis=1)
+        self._send(path, indexes, self._rr.LineStrips3D.columns(strips=strips))
+
+    def log_line_style(self, path: str, rgba: Sequence[float], radius: float) -> None:
+        """Colour and thickness of the segments that `send_segments` draws."""
+        self.log(path, self._rr.LineStrips3D.from_fields(colors=[colour_bytes(rgba)], radii=[radius]))
+
+    def log_text(self, path: str, time: float, step: int, text: str, level: str) -> None:
+        """One line of the event log."""
+        with writing(self.path):
+            self._stream.set_time(TIME, duration=time)
+            self._stream.set_time(STEP, sequence=step)
+            self._stream.log(path, self._rr.TextLog(text, level=level))
+            self._stream.reset_time()
+
+    def _send(self, path: str, indexes: Indexes, columns: Any) -> None:
+        times, steps = indexes
+        rr = self._rr
+        index = [rr.TimeColumn(TIME, duration=times), rr.TimeColumn(STEP, sequence=steps)]
+        with writing(self.path):
+            self._stream.send_columns(path, indexes=index, columns=columns)
+
+
+Indexes = tuple[Array, NDArray[np.int64]]
+"""Simulated seconds (T,) and step numbers (T,) of rows."""
+
+GOAL_RGBA = (0.95, 0.35, 0.10, 1.0)
+
+
+def colour_bytes(rgba: Sequence[float] | Array) -> list[int]:
+    """Four integers 0..255 of a colour in [0, 1]."""
+    return [round(255 * float(value)) for value in rgba]
+
+
+def _archetype(rr: Any, shape: Shape) -> Any:
+    colour, solid = colour_bytes(shape.rgba), rr.components.FillMode.Solid
+    if shape.kind == "mesh":
+        return rr.Mesh3D(
+            vertex_positions=shape.vertices,
+            vertex_normals=shape.normals,
+            triangle_indices=shape.faces,
+            albedo_factor=colour,
+        )
+    if shape.kind == "capsule":
+        radius, half = float(shape.size[0]), float(shape.size[1])
+        # Rerun's capsule starts at the origin and goes up; MuJoCo's is centred there.
+        return rr.Capsules3D(
+            lengths=[2 * half], radii=[radius], translations=[[0, 0, -half]], colors=[colour], fill_mode=solid
+        )
+    if shape.kind == "cylinder":
+        lengths, radii = [2 * float(shape.size[1])], [float(shape.size[0])]
+        return rr.Cylinders3D(lengths=lengths, radii=radii, colors=[colour], fill_mode=solid)
+    if shape.kind == "ellipsoid":
+        return rr.Ellipsoids3D(half_sizes=[shape.size], colors=[colour], fill_mode=solid)
+    return rr.Boxes3D(half_sizes=[shape.size], colors=[colour], fill_mode=solid)

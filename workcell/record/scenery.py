@@ -1,0 +1,87 @@
+"""What of a compiled model is drawn where: bodies sorted into robots, objects and obstacles, each with its shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from workcell.pose import Array
+from workcell.record.rrd import entity, rerun
+from workcell.record.shapes import Shape, body_shapes
+from workcell.record.tracks import BodyPoses
+
+if TYPE_CHECKING:
+    import mujoco
+
+    from workcell.model.scene import Scene
+
+
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """The visual or the collision shapes of one body, and the entity that carries them."""
+
+    path: str
+    body: int
+    moves: bool
+    shapes: tuple[Shape, ...]
+
+
+def owners_of_bodies(scene: Scene) -> dict[int, str]:
+    """`robots/<name>` or `objects/<name>` for each body that belongs to one."""
+    owners: dict[int, str] = {}
+    for kind, things in (("robots", scene.robots), ("objects", scene.objects)):
+        for name, thing in things.items():
+            owners |= {body: f"{kind}/{entity(name)}" for body in thing.body_ids}
+    return owners
+
+
+def layers(model: mujoco.MjModel, owners: Mapping[int, str]) -> Iterator[Layer]:
+    """Every body with something to draw. A body that is welded to the world does not move."""
+    for body in range(model.nbody):
+        moves = int(model.body_weldid[body]) != 0
+        visual, collision = body_shapes(model, body)
+        owner = owners.get(body)
+        name = _body_name(model, body, owner)
+        kinds = (("visual", visual), ("collision", collision))
+        for kind, shapes in kinds:
+            if not shapes:
+                continue
+            if owner is None:
+                path = f"world/obstacles/{name}" + ("" if kind == "visual" else "/collision")
+            else:
+                path = f"world/{owner}/{kind}/{name}"
+            yield Layer(path, body, moves, tuple(_distinct(shapes)))
+
+
+def _body_name(model: mujoco.MjModel, body: int, owner: str | None) -> str:
+    """The body's name without its owner's prefix: `sawyer/gripper/left_finger` is `gripper.left_finger`."""
+    parts = (model.body(body).name or f"body{body}").split("/")
+    return entity(".".join(parts[1:] if owner is not None and len(parts) > 1 else parts))
+
+
+def _distinct(shapes: list[Shape]) -> Iterator[Shape]:
+    """Shapes with names that differ, so that none hides another."""
+    from dataclasses import replace
+
+    seen: dict[str, int] = {}
+    for shape in shapes:
+        count = seen[shape.name] = seen.get(shape.name, 0) + 1
+        yield shape if count == 1 else replace(shape, name=f"{shape.name}_{count}")
+
+
+def world_axes() -> tuple[Any, ...]:
+    """Tells the viewer that z is up."""
+    return (rerun().ViewCoordinates.RIGHT_HAND_Z_UP,)
+
+
+def eye(model: mujoco.MjModel, qpos: Array) -> tuple[Array, Array]:
+    """A camera position and the point it looks at: the moving bodies and what is near them, from the front left."""
+    positions, _ = BodyPoses(model)(np.asarray(qpos, dtype=float)[None])
+    moving = np.flatnonzero(model.body_weldid != 0)
+    points = positions[0][moving] if len(moving) else positions[0]
+    centre = (points.min(axis=0) + points.max(axis=0)) / 2
+    reach = max(float(np.linalg.norm(np.ptp(points, axis=0))), 0.5)
+    return centre + reach * np.array([-1.1, -1.3, 0.8]), centre

@@ -1,0 +1,68 @@
+"""JSON files written whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from workcell.errors import OutputError
+
+
+def to_json(values: Mapping[str, Any]) -> str:
+    """JSON text of a dictionary: numpy arrays become lists, NaN and infinities null, paths text."""
+    return json.dumps(_plain(values), indent=2, allow_nan=False) + "\n"
+
+
+def write_json_atomic(path: str | Path, values: Mapping[str, Any]) -> Path:
+    """Writes a JSON file; a reader sees the old one or the new one, never half of one.
+
+    Raises:
+        OutputError: the folder or the file can't be written, or the disk is full; an earlier file is intact.
+    """
+    path, text = Path(path), to_json(values)
+    temporary: str | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            os.fchmod(file.fileno(), 0o666 & ~_umask())
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(temporary).replace(path)
+    except BaseException as error:
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)
+        if not isinstance(error, OSError):
+            raise
+        raise OutputError(
+            f"the file can't be written: {error.strerror or error}",
+            where=path,
+            remedy="choose a folder that is writable and has room, with --out",
+        ) from None
+    return path
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [_plain(item) for item in (sorted(value) if isinstance(value, (set, frozenset)) else value)]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    return str(value)

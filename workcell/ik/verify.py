@@ -1,0 +1,156 @@
+"""The judge: whether a configuration solves a problem. Knows no solver; only what passes here is called `SOLVED`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from workcell.ik.exact import ExactDistances, ExactKinematics, smallest_clearance
+from workcell.ik.problem import Clearance, IKProblem
+from workcell.model.robot import LIMIT_SLACK
+from workcell.pose import Array, quat_to_matrix, rotation_vector
+
+_NAN = float("nan")
+_STEP_SLACK = 1e-9
+"""Rounding allowed in the bounds against a reference configuration."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """What the judge found.
+
+    Attributes:
+        position_error: metres between the tool and its target; nan when `q` could not be judged.
+        rotation_error: radians between them.
+        clearance: smallest signed distance and the pair that has it; inf without obstacles.
+        within_limits: joint limits, with `LIMIT_SLACK`.
+        accepted: whether everything holds.
+        reasons: why not, in words; empty when accepted.
+    """
+
+    position_error: float = _NAN
+    rotation_error: float = _NAN
+    clearance: Clearance = field(default_factory=lambda: Clearance(_NAN))
+    within_limits: bool = False
+    accepted: bool = False
+    reasons: tuple[str, ...] = ()
+
+
+class Verifier:
+    """Judges any number of configurations for one problem; what depends on the problem alone is computed once."""
+
+    def __init__(self, problem: IKProblem) -> None:
+        self.problem = problem
+        self._kinematics = ExactKinematics(problem.robot)
+        self._target_rotation = quat_to_matrix(problem.target.quat_wxyz)
+        judged_here = problem.checker is None and problem.cover is not None and len(problem.cover) > 0
+        self._distances = ExactDistances(problem.obstacles) if judged_here and problem.obstacles else None
+
+    def __call__(self, q: ArrayLike) -> Verification:
+        """Judge one configuration (n,); anything that is not one is refused with the reason, not raised."""
+        problem = self.problem
+        try:
+            values = np.asarray(q, dtype=float)
+        except (TypeError, ValueError):
+            return Verification(reasons=("the configuration is not a list of numbers",))
+        if values.shape != (problem.robot.dof,):
+            return Verification(reasons=(f"{_counted(values)}, the robot has {problem.robot.dof} joints",))
+        if not np.all(np.isfinite(values)):
+            return Verification(reasons=("the configuration is not finite",))
+        rotation, position = self._kinematics.links(values)
+        tool_rotation, tool_position = self._kinematics.tool(rotation, position)
+        away = float(np.linalg.norm(tool_position - problem.target.position))
+        turned = float(np.linalg.norm(rotation_vector(self._target_rotation @ tool_rotation.T)))
+        clearance = self._clearance(values, rotation, position)
+        reasons = [
+            *self._pose_reasons(away, turned),
+            *self._clearance_reasons(clearance),
+            *self._limit_reasons(values),
+            *self._step_reasons(values, rotation),
+        ]
+        within = bool(problem.robot.within_limits(values))
+        return Verification(away, turned, clearance, within, not reasons, tuple(reasons))
+
+    def _clearance(self, q: Array, rotation: Array, position: Array) -> Clearance:
+        problem = self.problem
+        if problem.checker is not None:
+            return problem.checker(q)
+        if self._distances is None or problem.cover is None:
+            return Clearance(float("inf"))
+        distance, sphere, piece = smallest_clearance(problem.cover, rotation, position, self._distances)
+        return Clearance(distance, (sphere_name(problem, sphere), problem.obstacles[piece].name))
+
+    def _pose_reasons(self, away: float, turned: float) -> list[str]:
+        allowed = self.problem.tolerances
+        reasons = []
+        if not away <= allowed.position:
+            reasons.append(
+                f"the tool is {1e3 * away:.3g} mm from its target (allowed {1e3 * allowed.position:g})"
+            )
+        if not turned <= allowed.rotation:
+            reasons.append(f"the tool is turned by {turned:.3g} rad (allowed {allowed.rotation:g})")
+        return reasons
+
+    def _clearance_reasons(self, clearance: Clearance) -> list[str]:
+        margin = self.problem.tolerances.safety_margin
+        if clearance.distance >= margin:
+            return []
+        if np.isnan(clearance.distance):
+            return ["the clearance is not a number"]
+        first, second = clearance.pair
+        if clearance.distance < 0:
+            return [f"{first} is {-1e3 * clearance.distance:.3g} mm inside {second}"]
+        return [f"{first} is {1e3 * clearance.distance:.3g} mm from {second} (wanted {1e3 * margin:g})"]
+
+    def _limit_reasons(self, q: Array) -> list[str]:
+        robot = self.problem.robot
+        outside = (q < robot.lower - LIMIT_SLACK) | (q > robot.upper + LIMIT_SLACK)
+        return [
+            f"joint {robot.joint_names[k]} = {q[k]:.6g} is outside [{robot.lower[k]:.6g}, {robot.upper[k]:.6g}]"
+            for k in np.flatnonzero(outside)
+        ]
+
+    def _step_reasons(self, q: Array, rotation: Array) -> list[str]:
+        problem = self.problem
+        if problem.q_reference is None:
+            return []
+        reasons = []
+        if problem.max_step is not None:
+            allowed = np.broadcast_to(problem.max_step, q.shape)
+            moved = np.abs(q - problem.q_reference)
+            reasons += [
+                f"joint {problem.robot.joint_names[k]} moves by {moved[k]:.4g} (allowed {allowed[k]:.4g})"
+                for k in np.flatnonzero(moved > allowed + _STEP_SLACK)
+            ]
+        if problem.max_link_rotation is not None:
+            before, _ = self._kinematics.links(problem.q_reference)
+            change = np.linalg.norm(rotation - before, axis=(1, 2))
+            reasons += [
+                f"link {problem.robot.link_names[k]} turns by {change[k]:.4g} (allowed {problem.max_link_rotation:.4g})"
+                for k in np.flatnonzero(change > problem.max_link_rotation + _STEP_SLACK)
+            ]
+        return reasons
+
+
+def verify(problem: IKProblem, q: ArrayLike) -> Verification:
+    """Judge configuration `q` (n,) for `problem`, independently of every solver.
+
+    Collisions are judged by `problem.checker` (the compiled model) where there is one, else by the exact kernel on
+    the problem's spheres and obstacles.
+    """
+    return Verifier(problem)(q)
+
+
+def sphere_name(problem: IKProblem, sphere: int) -> str:
+    """A sphere of the robot's cover in words."""
+    assert problem.cover is not None
+    link = int(problem.cover.link[sphere])
+    source = problem.cover.source[sphere] if problem.cover.source else ""
+    carrier = source or problem.robot.link_names[link]
+    return f"sphere {sphere} ({carrier})"
+
+
+def _counted(values: Array) -> str:
+    return f"{values.size} joint values" if values.ndim == 1 else f"an array of shape {values.shape}"

@@ -35,6 +35,7 @@ class Piece:
         size: box half sizes (3,); sphere [r]; capsule and cylinder [r, half length of the straight part along z];
             ellipsoid semi-axes (3,); halfspace and hull: empty.
         vertices: (k, 3) in the piece's frame for a hull, else None.
+        body: the MuJoCo body it belongs to, for messages and files; may be empty.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Piece:
     pose: Pose
     size: Array
     vertices: Array | None = None
+    body: str = ""
 
     def __post_init__(self) -> None:
         size = np.asarray(self.size, dtype=float).reshape(-1)

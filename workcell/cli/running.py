@@ -43,15 +43,17 @@ def _say(text: str) -> None:
 
 def review(options: argparse.Namespace) -> int:
     """Verdict, metrics and pictures of a recording."""
+    from rich.console import Console
+
+    from workcell.record.pictures import write_pictures
     from workcell.record.review import review as read
-    from workcell.record.review import write_pictures
 
     result = read(Path(options.file))
     pictures = write_pictures(result, Path(options.png)) if options.png else []
     if options.json:
         print_json({**result.to_json(), "pictures": [str(path) for path in pictures]})
     else:
-        print(result.text())
+        Console().print(result.table())
         for path in pictures:
             print(f"wrote {path}")
     return exit_codes.DONE if result.achieved else exit_codes.NOT_ACHIEVED

@@ -1,0 +1,116 @@
+"""The command line: exit codes, one clear message for bad input, and `--json` that a program can read."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from workcell.cli import exit_codes, main
+from workcell.cli.parser import build_parser
+
+
+def call(capsys, *arguments):
+    with pytest.raises(SystemExit) as stop:
+        main(list(arguments))
+    output = capsys.readouterr()
+    return stop.value.code, output.out, output.err
+
+
+COMMANDS = ("robots", "check", "decompose", "ik", "solve", "verify", "run", "review", "bench")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_help_with_an_example(capsys, command):
+    code, out, _ = call(capsys, command, "--help")
+    assert code == 0 and f"example: workcell {command}" in out
+
+
+def test_help_lists_every_command():
+    text = build_parser().format_help()
+    assert all(command in text for command in COMMANDS)
+
+
+def test_robots(capsys):
+    code, out, _ = call(capsys, "robots", "--json")
+    rows = {row["name"]: row for row in json.loads(out)}
+    assert code == 0 and {"sawyer", "ur10", "iiwa14"} <= set(rows)
+    assert rows["sawyer"]["dof"] == 7 and rows["ur10"]["dof"] == 6
+    code, out, _ = call(capsys, "robots")
+    assert code == 0 and "sawyer" in out
+
+
+@pytest.mark.parametrize("name", ["sawyer", "ur10", "iiwa14", "shelf", "shelf_grasp"])
+def test_check_accepts_what_travels_with_workcell(capsys, name):
+    code, out, _ = call(capsys, "check", name)
+    assert code == exit_codes.DONE and "nothing wrong" in out
+
+
+def test_ik_solves_and_says_so(capsys):
+    code, out, _ = call(capsys, "ik", "ur10", "--pose", "0.5", "0.2", "0.6", "1", "0", "0", "0", "--json")
+    answer = json.loads(out)
+    assert code == exit_codes.DONE and answer["status"] == "SOLVED"
+    assert len(answer["q"]) == 6 and answer["position_error_m"] < 1e-4
+
+
+def test_ik_out_of_reach_is_proved(capsys):
+    code, out, _ = call(capsys, "ik", "iiwa14", "--pose", "3", "0", "0.5", "1", "0", "0", "0")
+    assert code == exit_codes.IMPOSSIBLE and out.startswith("UNREACHABLE")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("check", "sawyr"), "did you mean sawyer"),
+        (("check", "no/such/file.xml"), "no such file"),
+        (("check", "nothing.json"), "nothing.json"),
+        (("ik", "sawyr", "--pose", *"0100000"), "did you mean sawyer"),
+        (("ik", "sawyer", "--pose", "nan", *"001000"), "not finite"),
+        (("ik", "sawyer", "--pose", *"0011100"), "length"),
+        (("ik", "sawyer", "--pose", *"0011000", "--solver", "ikspork"), "did you mean ikspark"),
+        (("ik", "sawyer", "--pose", *"0011000", "--tool", "left"), "no tool named"),
+        (("ik", "sawyer", "--pose", *"0011000", "--cell", "shelv"), "did you mean shelf"),
+        (("solve", "missing.json"), "missing.json"),
+        (("verify", "missing.json", "answers.jsonl"), "missing.json"),
+        (("run", "shelf_gasp"), "did you mean shelf_grasp"),
+        (("run", "shelf_grasp", "--planner", "rrt"), "no planner named"),
+        (("review", "missing.rrd"), "missing.rrd"),
+        (("bench", "nothing"), "no bench named"),
+        (("bench",), "which bench"),
+        (("decompose", "shelff"), "did you mean shelf"),
+    ],
+)
+def test_bad_input_gives_one_message_and_exit_2(capsys, arguments, says):
+    code, out, err = call(capsys, *arguments)
+    assert code == exit_codes.BAD_INPUT
+    assert says in err and "Traceback" not in err and out == ""
+    assert len(err.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("solve",),
+        ("fly",),
+        (),
+        ("ik", "sawyer"),
+        ("solve", "a.json", "--budget-s", "-1"),
+        ("run", "x", "--seed", "-2"),
+    ],
+)
+def test_bad_usage_gives_exit_2(capsys, arguments):
+    code, _, err = call(capsys, *arguments)
+    assert code == exit_codes.BAD_INPUT and "usage: workcell" in err
+
+
+def test_a_malformed_problem_set_is_named(capsys, tmp_path):
+    path = tmp_path / "set.json"
+    path.write_text('{"format": "workcell-ikset/1", "problems": [')
+    code, _, err = call(capsys, "check", str(path))
+    assert code == exit_codes.BAD_INPUT and "set.json" in err
+
+
+def test_the_installed_script_runs():
+    code = "from workcell.cli import main; main(['--version'])"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert result.returncode == 0 and result.stdout.startswith("workcell ")

@@ -28,6 +28,8 @@ _SOLID = ("robots", "objects", "obstacles")
 _MOMENTS = 6
 _COLUMNS = 3
 _TILE = (520, 390)
+_LABEL_OFFSETS = ((16, 15), (16, -17), (-38, 15), (-38, -17))
+_VIEW = (800, 600)
 _BANNER = {"achieved": "#2e7d32", "not achieved": "#b3261e", "incomplete": "#b7791f"}
 
 
@@ -95,9 +97,7 @@ def key_moments(review: Review, count: int = _MOMENTS) -> list[Moment]:
     while 1 < len(moments) < count:
         gaps = [b.time - a.time for a, b in itertools.pairwise(moments)]
         k = int(np.argmax(gaps))
-        moments.insert(
-            k + 1, Moment((moments[k].time + moments[k + 1].time) / 2, f"after: {moments[k].caption}")
-        )
+        moments.insert(k + 1, Moment((moments[k].time + moments[k + 1].time) / 2, ""))
     return moments
 
 
@@ -118,17 +118,17 @@ def contact_sheet(review: Review) -> Figure:
         for below, studio in enumerate(studios):
             corner = (left, top + 28 + below * (height + 4))
             sheet.tile(studio.picture(moment.time), corner)
-            for name, path in review.stage.object_paths().items():
-                sheet.label(name, studio.place(review.stage.pose(path, moment.time).position), corner)
+            for k, (name, path) in enumerate(review.stage.object_paths().items()):
+                sheet.label(name, studio.place(review.stage.pose(path, moment.time).position), corner, k)
     sheet.legend()
     return sheet.figure
 
 
 def planner_view(review: Review) -> Figure:
     """The robot's spheres and the free cuboids at the start, with the planned path and the goals named."""
-    camera = choose_cameras(review.stage, 900, 675)[0]
-    studio = Studio(review.stage, camera)
-    sheet = _Sheet(924, 790)
+    width, height = _VIEW
+    studio = Studio(review.stage, choose_cameras(review.stage, width, height)[0])
+    sheet = _Sheet(width + 24, height + 84)
     sheet.text(12, 26, f"{review.task}: what the planner sees", size=15, weight="bold")
     sheet.text(
         12,
@@ -137,8 +137,8 @@ def planner_view(review: Review) -> Figure:
         size=11,
     )
     sheet.tile(studio.picture(0.0, ("free_space", "spheres")), (12, 72))
-    for name, pose in review.stage.goals.items():
-        sheet.label(name, studio.place(pose.position), (12, 72))
+    for k, (name, pose) in enumerate(review.stage.goals.items()):
+        sheet.label(name, studio.place(pose.position), (12, 72), k)
     return sheet.figure
 
 
@@ -210,7 +210,7 @@ class _Sheet:
         )
         self._fit()
 
-    def label(self, words: str, place: Array, corner: tuple[float, float]) -> None:
+    def label(self, words: str, place: Array, corner: tuple[float, float], index: int) -> None:
         """A name beside a point of a tile, if the point is in sight of it."""
         x, y = place
         if not (10 < x < _TILE[0] * 2 - 10 and y > 14):
@@ -218,7 +218,7 @@ class _Sheet:
         self._page.annotate(
             words,
             (corner[0] + x, corner[1] + y),
-            xytext=(14, 14),
+            xytext=_LABEL_OFFSETS[index % len(_LABEL_OFFSETS)],
             textcoords="offset points",
             fontsize=7.5,
             color="#111111",

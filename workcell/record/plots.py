@@ -50,7 +50,7 @@ def _draw(panel: Any, series: Series, review: Review) -> None:
     panel.set_title(series.name.replace("_", " "), loc="left", fontsize=10)
     panel.set_ylabel(unit)
     panel.grid(alpha=0.25)
-    panel.margins(x=0.01)
+    panel.margins(x=0.01, y=0.14)
     for line in review.events:
         panel.axvline(line.time, color="#c03030" if line.level == "ERROR" else "#888888", lw=0.7, ls=":")
     if series.name == "clearance":

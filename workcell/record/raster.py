@@ -109,29 +109,34 @@ class Buffers:
         return Buffers(self.nearness.copy(), self.normal.copy(), self.rgb.copy(), self.ident.copy())
 
     def points(self, camera: Camera) -> Array:
-        """World points (h, w, 3) that the pixels see; nan where nothing is."""
+        """World points (k, 3) that the pixels with something in them see, row by row."""
         h, w = self.nearness.shape
-        depth = np.where(self.ident >= 0, self.nearness, np.nan)
-        depth = -depth if camera.extent is not None else 1.0 / depth
-        scale = (
-            camera.extent / h if camera.extent is not None else 2 * np.tan(np.radians(camera.fov_deg) / 2) / h
-        )
-        right = (np.arange(w) + 0.5 - 0.5 * w)[None, :] * scale
-        up = (0.5 * h - np.arange(h) - 0.5)[:, None] * scale
+        row, column = np.nonzero(self.ident >= 0)
+        near = self.nearness[row, column]
         if camera.extent is None:
-            right, up = right * depth, up * depth
-        axes = camera.axes
-        shape = depth.shape
-        flat = [
-            np.broadcast_to(a, shape)[..., None] * axis
-            for a, axis in zip((right, up, depth), axes, strict=True)
-        ]
-        points: Array = camera.position + flat[0] + flat[1] + flat[2]
+            depth = 1.0 / near
+            scale = depth * (2 * np.tan(np.radians(camera.fov_deg) / 2) / h)
+        else:
+            depth, scale = -near, np.full(len(near), camera.extent / h)
+        view = np.stack([(column + 0.5 - 0.5 * w) * scale, (0.5 * h - row - 0.5) * scale, depth], axis=1)
+        points: Array = view @ camera.axes + camera.position
         return points
 
 
-def rasterise(surfaces: Sequence[Surface], camera: Camera, onto: Buffers | None = None) -> Buffers:
-    """The buffers of opaque surfaces; `onto` continues a picture (its buffers are not changed)."""
+def unit(vectors: Array) -> Array:
+    """Vectors (k, 3) at length 1."""
+    length = np.sqrt(np.einsum("pj,pj->p", vectors, vectors))
+    scaled: Array = vectors / np.maximum(length, 1e-12)[:, None]
+    return scaled
+
+
+def rasterise(
+    surfaces: Sequence[Surface], camera: Camera, onto: Buffers | None = None, *, depth_only: bool = False
+) -> Buffers:
+    """The buffers of opaque surfaces; `onto` continues a picture (its buffers are not changed).
+
+    With `depth_only` colour, normal and identity are left as they were: enough for shadows and for what hides what.
+    """
     buffers = Buffers.empty(camera) if onto is None else onto.copy()
     if not surfaces:
         return buffers
@@ -142,20 +147,19 @@ def rasterise(surfaces: Sequence[Surface], camera: Camera, onto: Buffers | None 
     edges, slope, kept = _edge_functions(screen)
     winner = _nearest(buffers.nearness, screen[kept], edges, slope)
     seen = winner >= 0
-    if seen.any():
+    if seen.any() and not depth_only:
         _fill(buffers, seen, winner[seen], edges, screen[kept], normals[kept], owner[kept], surfaces)
     return buffers
 
 
 def _front_corners(surfaces: Sequence[Surface], camera: Camera) -> tuple[Array, Array, NDArray[np.int64]]:
     """Corners in view coordinates and world normals (t, 3, 3) of triangles before the camera; their surface (t,)."""
-    corners, normals, owner = [], [], []
-    for index, surface in enumerate(surfaces):
-        mesh = surface.triangles
-        corners.append(camera.view(mesh.vertices)[mesh.faces])
-        normals.append(mesh.normals[mesh.faces])
-        owner.append(np.full(len(mesh.faces), index))
-    all_corners, all_normals, owners = np.concatenate(corners), np.concatenate(normals), np.concatenate(owner)
+    meshes = [surface.triangles for surface in surfaces]
+    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, first, strict=False)])
+    owners = np.repeat(np.arange(len(meshes)), [len(mesh.faces) for mesh in meshes])
+    all_corners = camera.view(np.concatenate([mesh.vertices for mesh in meshes]))[faces]
+    all_normals = np.concatenate([mesh.normals for mesh in meshes])[faces]
     if camera.extent is not None:
         return all_corners, all_normals, owners
     ahead = all_corners[..., 2] >= _NEAR
@@ -271,8 +275,7 @@ def _fill(
     nearness = screen[winner, :, 2]
     if np.all(nearness > 0):  # perspective: attributes are linear in space, not on the screen
         weight = weight * nearness
-    normal = np.einsum("pk,pkj->pj", weight, normals[winner])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    normal = unit(np.einsum("pk,pkj->pj", weight, normals[winner]))
     colours = np.array([surface.rgba[:3] for surface in surfaces])
     buffers.normal[seen] = normal
     buffers.rgb[seen] = colours[owner[winner]]

@@ -84,6 +84,7 @@ class Recording:
         }
         self._period = 1.0 / frame_rate
         self._tracks: dict[str, Track] = {}
+        self._carriers: dict[int, str] = {}
         self._robots: dict[str, SceneRobot] = {}
         self._poses: BodyPoses | None = None
         self._timestep = 0.002
@@ -128,7 +129,10 @@ class Recording:
         self._writer.log_line_style("world/nearest", _NEAREST_RGBA, 0.0015)
         for layer in scenery.layers(model, owners):
             for shape in layer.shapes:
-                self._writer.log_shape(f"{layer.path}/{entity(shape.name)}", shape)
+                self._writer.log_shape(f"{layer.path}/{entity(shape.name)}", shape, layer.carrier)
+            if layer.carrier is not None:
+                continue
+            self._carriers[layer.body] = layer.path
             if layer.moves:
                 self._tracks[layer.path] = Track(layer.path, layer.body, Pose.identity())
             else:
@@ -139,32 +143,45 @@ class Recording:
         """The tool's frame and trace, and the names of the joints' curves."""
         base = f"world/robots/{entity(robot.name)}"
         tool = robot.robot.tool()
+        body = robot.link_body_ids[tool.link][0]
         self._robots[robot.name] = robot
         self._tracks[f"{base}/tool"] = self._link_track(
-            f"{base}/tool", robot, tool.link, qpos, tool.T_link_tool
+            f"{base}/tool", robot, tool.link, body, qpos, tool.T_link_tool
         )
         self._writer.log_axes(f"{base}/tool", 0.08)
         self._writer.log_line_style(f"{base}/trace", _TRACE_RGBA, 0.003)
         self._writer.name_series(f"metrics/{JOINT_POSITIONS}/{entity(robot.name)}", robot.robot.joint_names)
 
-    def _link_track(self, path: str, robot: SceneRobot, link: int, qpos: Array, offset: Pose) -> Track:
-        """A frame fixed to a link, expressed in the first body that the link carries."""
+    def _link_track(
+        self, path: str, robot: SceneRobot, link: int, body: int, qpos: Array, offset: Pose
+    ) -> Track:
+        """A frame fixed to a link, expressed in a body that the link carries."""
         assert self._poses is not None
-        body = robot.link_body_ids[link][0]
         T_world_link = Pose.from_matrix(robot.robot.link_transforms(qpos[robot.qpos_addresses])[link])
         return Track(path, body, self._poses.pose(body, qpos).inverse() @ T_world_link @ offset)
 
-    def log_cover(self, robot: SceneRobot, cover: SphereCover, qpos: ArrayLike) -> None:
-        """The robot's spheres, link by link; `qpos` (nq,) is any configuration of the scene."""
+    def log_cover(self, robot: SceneRobot, cover: SphereCover, qpos: ArrayLike | None = None) -> None:
+        """The robot's spheres, link by link. A second cover of the same links takes the place of the first.
+
+        Args:
+            robot: whose links the cover counts.
+            cover: spheres in link frames.
+            qpos: (nq,) any raw positions of the scene; the model's own by default.
+        """
         self._scene_logged("log_cover")
+        assert self._poses is not None
+        reference = self._poses.qpos0 if qpos is None else np.asarray(qpos, dtype=float)
         for link in np.unique(cover.link):
+            body = next((b for b in robot.link_body_ids[link] if b in self._carriers), None)
+            if body is None:
+                continue  # a link without anything to see has nothing to cover
+            T_body_link = self._link_track(
+                "", robot, int(link), body, reference, Pose.identity()
+            ).T_body_entity
             path = f"world/robots/{entity(robot.name)}/spheres/{entity(robot.robot.link_names[link])}"
             mine = cover.link == link
-            self._writer.log_spheres(path, cover.centre[mine], cover.radius[mine], _SPHERE_RGBA)
-            self._tracks[path] = self._link_track(
-                path, robot, int(link), np.asarray(qpos, dtype=float), Pose.identity()
-            )
-        self._send_frames(np.array([self._last_time]), np.asarray(qpos, dtype=float)[None])
+            centres = T_body_link.apply(cover.centre[mine])
+            self._writer.log_spheres(path, centres, cover.radius[mine], _SPHERE_RGBA, self._carriers[body])
         self.flush()
 
     def log_free_space(self, free_space: FreeSpace) -> None:

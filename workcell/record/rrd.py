@@ -33,6 +33,11 @@ def entity(*parts: str) -> str:
     return "/".join(rr.escape_entity_path_part(part) for part in parts)
 
 
+def frame_of(path: str) -> str:
+    """The name that Rerun gives the coordinate frame of an entity."""
+    return f"tf#/{path}"
+
+
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
     """Turns Rerun's failures to write into an OutputError that names the file."""
@@ -99,18 +104,24 @@ class RrdWriter:
         with writing(self.path):
             self._stream.log(path, *archetypes, static=True)
 
-    def log_pose(self, path: str, pose: Pose) -> None:
-        """A transform from the entity to its parent that never changes."""
+    def log_pose(self, path: str, pose: Pose, carrier: str | None = None) -> None:
+        """A transform from the entity to its parent, or to the entity `carrier`, that never changes."""
+        frame = None if carrier is None else frame_of(carrier)
         quaternion = to_xyzw(pose.quat_wxyz)
-        self.log(path, self._rr.Transform3D(translation=pose.position, quaternion=quaternion))
+        self.log(
+            path, self._rr.Transform3D(translation=pose.position, quaternion=quaternion, parent_frame=frame)
+        )
 
-    def log_shape(self, path: str, shape: Shape) -> None:
-        """A solid, with its place in the parent entity."""
-        self.log_pose(path, shape.pose)
+    def log_shape(self, path: str, shape: Shape, carrier: str | None = None) -> None:
+        """A solid, with its place in the parent entity or in `carrier`."""
+        self.log_pose(path, shape.pose, carrier)
         self.log(path, _archetype(self._rr, shape))
 
-    def log_spheres(self, path: str, centres: Array, radii: Array, rgba: Sequence[float]) -> None:
-        """Spheres (m, 3), (m,) in the entity's frame."""
+    def log_spheres(
+        self, path: str, centres: Array, radii: Array, rgba: Sequence[float], carrier: str
+    ) -> None:
+        """Spheres (m, 3), (m,) in the frame of the entity `carrier`, which they follow."""
+        self.log(path, self._rr.CoordinateFrame(frame_of(carrier)))
         half = np.repeat(np.asarray(radii, dtype=float)[:, None], 3, axis=1)
         colour = colour_bytes(rgba)
         fill = self._rr.components.FillMode.TransparentFillMajorWireframe

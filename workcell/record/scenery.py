@@ -21,12 +21,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Layer:
-    """The visual or the collision shapes of one body, and the entity that carries them."""
+    """The visual or the collision shapes of one body, and the entity they are below.
+
+    With a `carrier` the shapes follow that entity, so that no pose is written twice.
+    """
 
     path: str
     body: int
     moves: bool
     shapes: tuple[Shape, ...]
+    carrier: str | None = None
 
 
 def owners_of_bodies(scene: Scene) -> dict[int, str]:
@@ -45,15 +49,12 @@ def layers(model: mujoco.MjModel, owners: Mapping[int, str]) -> Iterator[Layer]:
         visual, collision = body_shapes(model, body)
         owner = owners.get(body)
         name = _body_name(model, body, owner)
-        kinds = (("visual", visual), ("collision", collision))
-        for kind, shapes in kinds:
-            if not shapes:
-                continue
-            if owner is None:
-                path = f"world/obstacles/{name}" + ("" if kind == "visual" else "/collision")
-            else:
-                path = f"world/{owner}/{kind}/{name}"
-            yield Layer(path, body, moves, tuple(_distinct(shapes)))
+        above = f"world/obstacles/{name}" if owner is None else f"world/{owner}/visual/{name}"
+        below = f"world/obstacles/{name}/collision" if owner is None else f"world/{owner}/collision/{name}"
+        if visual:
+            yield Layer(above, body, moves, tuple(_distinct(visual)))
+        if collision:
+            yield Layer(below, body, moves, tuple(_distinct(collision)), carrier=above)
 
 
 def _body_name(model: mujoco.MjModel, body: int, owner: str | None) -> str:

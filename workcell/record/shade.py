@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workcell.pose import Array
-from workcell.record.raster import Buffers, Camera, Surface, rasterise
+from workcell.record.raster import Buffers, Camera, Surface, rasterise, unit
 
 _SKY_TOP, _SKY_BOTTOM = np.array([0.80, 0.85, 0.91]), np.array([0.96, 0.97, 0.98])
 _LIGHT = np.array([-0.45, -0.35, 0.82]) / np.linalg.norm([-0.45, -0.35, 0.82])
@@ -40,26 +40,24 @@ class Light:
         camera = Camera(
             centre + 2 * radius * _LIGHT, centre, _SHADOW_PIXELS, _SHADOW_PIXELS, extent=2 * radius
         )
-        return Light(camera, rasterise(surfaces, camera))
+        return Light(camera, rasterise(surfaces, camera, depth_only=True))
 
     def with_more(self, surfaces: Sequence[Surface]) -> Light:
         """The same sun with more things in its way."""
-        return Light(self.camera, rasterise(surfaces, self.camera, onto=self.buffers))
+        return Light(self.camera, rasterise(surfaces, self.camera, onto=self.buffers, depth_only=True))
 
     def lit(self, points: Array, normals: Array) -> Array:
-        """How much of the sun reaches points (..., 3), 0..1, softened over 3x3 cells of the map."""
+        """How much of the sun reaches points (k, 3), 0..1, softened over 2x2 cells of the map."""
         h, w = self.buffers.nearness.shape
-        place = self.camera.project(points.reshape(-1, 3) + _SHADOW_BIAS * normals.reshape(-1, 3))
-        place = np.nan_to_num(place, nan=-10.0, posinf=-10.0, neginf=-10.0)
+        place = self.camera.project(points + _SHADOW_BIAS * normals)
+        x, y, depth = place.T
         total = np.zeros(len(place))
-        for dx in (-1.0, 0.0, 1.0):
-            for dy in (-1.0, 0.0, 1.0):
-                column = np.clip(place[:, 0] + dx, 0, w - 1).astype(np.int64)
-                row = np.clip(place[:, 1] + dy, 0, h - 1).astype(np.int64)
-                total += self.buffers.nearness[row, column] <= place[:, 2] + _SHADOW_BIAS
-        inside = (place[:, 0] >= 0) & (place[:, 0] < w) & (place[:, 1] >= 0) & (place[:, 1] < h)
-        shaded: Array = np.where(inside, total / 9.0, 1.0).reshape(points.shape[:-1])
-        return shaded
+        for dx, dy in ((-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)):
+            column = np.clip(x + dx, 0, w - 1).astype(np.int64)
+            row = np.clip(y + dy, 0, h - 1).astype(np.int64)
+            total += self.buffers.nearness[row, column] <= depth + _SHADOW_BIAS
+        outside = (x < 0) | (x >= w) | (y < 0) | (y >= h)
+        return np.where(outside, 1.0, total / 4.0)
 
 
 def shade(buffers: Buffers, camera: Camera, light: Light | None = None) -> Array:
@@ -68,18 +66,20 @@ def shade(buffers: Buffers, camera: Camera, light: Light | None = None) -> Array
     seen = buffers.ident >= 0
     picture = np.empty((*buffers.nearness.shape, 3))
     picture[:] = (_SKY_TOP + (_SKY_BOTTOM - _SKY_TOP) * np.linspace(0, 1, h)[:, None])[:, None, :]
-    normals, points = buffers.normal[seen], buffers.points(camera)[seen]
-    facing = np.clip(normals @ _LIGHT, 0.0, 1.0)
-    sun = facing if light is None else facing * light.lit(points, normals)
-    to_camera = camera.position - points
-    to_camera /= np.linalg.norm(to_camera, axis=1, keepdims=True)
-    head = np.clip(np.sum(normals * to_camera, axis=1), 0.0, 1.0)
-    sky = 0.5 + 0.5 * normals[:, 2]
-    half = to_camera + _LIGHT
-    half /= np.linalg.norm(half, axis=1, keepdims=True)
-    shine = 0.18 * np.clip(np.sum(normals * half, axis=1), 0.0, 1.0) ** 40 * (sun > 0.3)
-    strength = 0.26 + 0.16 * sky + 0.22 * head + 0.48 * sun
-    picture[seen] = np.clip(buffers.rgb[seen] * strength[:, None] + shine[:, None], 0.0, 1.0)
+    normals, points = buffers.normal[seen], buffers.points(camera)
+    sun = np.clip(normals @ _LIGHT, 0.0, 1.0)
+    if light is not None:
+        facing = sun > 0.0
+        sun[facing] *= light.lit(points[facing], normals[facing])
+    to_camera = unit(camera.position - points)
+    head = np.clip(np.einsum("pj,pj->p", normals, to_camera), 0.0, 1.0)
+    gloss = np.clip(np.einsum("pj,pj->p", normals, unit(to_camera + _LIGHT)), 0.0, 1.0)
+    for _ in range(5):
+        gloss *= gloss  # to the 32nd power
+    strength = 0.40 + 0.08 * normals[:, 2] + 0.24 * head + 0.42 * sun
+    picture[seen] = np.clip(
+        buffers.rgb[seen] * strength[:, None] + (0.2 * gloss * (sun > 0.3))[:, None], 0.0, 1.0
+    )
     picture *= 1.0 - _OUTLINE * outlines(buffers)[..., None]
     return picture
 

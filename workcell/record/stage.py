@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,7 +14,9 @@ from workcell.record.shapes import Shape, ShapeKind
 from workcell.record.tessellate import Triangles, tessellate
 
 _TRANSLATION, _QUATERNION = "Transform3D:translation", "Transform3D:quaternion"
+_PARENT_FRAME, _FRAME, _TF = "Transform3D:parent_frame", "CoordinateFrame:frame", "tf#/"
 _STRIPS = "LineStrips3D:strips"
+_DEEPEST = 100
 _DEFAULT_RGBA = np.array([0.6, 0.6, 0.6, 1.0])
 PLAN_RGB, TRACE_RGB = (0.10, 0.40, 0.95), (0.95, 0.45, 0.0)
 
@@ -52,6 +54,7 @@ class Stage:
         motions: by entity path, of all that has a transform.
         plans, traces: by robot: planned points (k, 3); executed (times (T,), points (T, 3)).
         goals: pose by name.
+        carriers: by entity path, the entity it is fixed to where that is not the one above it in the path.
     """
 
     things: list[Thing]
@@ -59,7 +62,7 @@ class Stage:
     plans: dict[str, Array]
     traces: dict[str, tuple[Array, Array]]
     goals: dict[str, Pose]
-    _static: dict[str, list[Surface]] = field(default_factory=dict)
+    carriers: dict[str, str]
 
     @staticmethod
     def of(contents: Contents) -> Stage:
@@ -79,7 +82,10 @@ class Stage:
             elif (kind := _kind(names)) and (shapes := _shapes(entity)):
                 parts = tuple((tessellate(shape), shape.rgba) for shape in shapes)
                 things.append(Thing(path, kind, names[2], parts))
-        return Stage(things, motions, plans, traces, goals)
+        carriers = {
+            path: carrier for path, entity in world.items() if (carrier := _carrier(entity)) is not None
+        }
+        return Stage(things, motions, plans, traces, goals, carriers)
 
     @property
     def times(self) -> Array:
@@ -87,14 +93,22 @@ class Stage:
         times = [motion.times for motion in self.motions.values() if len(motion.times) > 1]
         return np.unique(np.concatenate(times)) if times else np.zeros(1)
 
+    def _chain(self, path: str) -> list[str]:
+        """The entities whose transforms place an entity, outermost first."""
+        chain: list[str] = []
+        while path and len(chain) < _DEEPEST:
+            chain.append(path)
+            path = self.carriers.get(path, path.rpartition("/")[0])
+        return chain[::-1]
+
     def moves(self, path: str) -> bool:
         """Whether an entity, or one that carries it, moves."""
-        return any(len(self.motions[p].times) > 1 for p in _carriers(path) if p in self.motions)
+        return any(len(self.motions[p].times) > 1 for p in self._chain(path) if p in self.motions)
 
     def pose(self, path: str, time: float) -> Pose:
         """World pose of an entity at a time."""
         pose = Pose.identity()
-        for carrier in _carriers(path):
+        for carrier in self._chain(path):
             if carrier in self.motions:
                 pose = pose @ self.motions[carrier].at(time)
         return pose
@@ -133,9 +147,9 @@ class Stage:
         return paths
 
 
-def _carriers(path: str) -> list[str]:
-    names = path.split("/")
-    return ["/".join(names[:k]) for k in range(1, len(names) + 1)]
+def _carrier(entity: Entity) -> str | None:
+    frame = entity.static.get(_PARENT_FRAME, entity.static.get(_FRAME))
+    return str(frame[0]).removeprefix(_TF) if frame and str(frame[0]).startswith(_TF) else None
 
 
 def _kind(names: list[str]) -> str:

@@ -52,6 +52,11 @@ class BodyPoses:
 
         self._model, self._data, self._kinematics = model, mujoco.MjData(model), mujoco.mj_kinematics
 
+    @property
+    def qpos0(self) -> Array:
+        """The model's reference positions (nq,)."""
+        return np.array(self._model.qpos0)
+
     def __call__(self, qpos: Array) -> tuple[Array, Array]:
         """Positions (T, nbody, 3) and quaternions wxyz (T, nbody, 4) at `qpos` (T, nq)."""
         positions = np.empty((len(qpos), self._model.nbody, 3))

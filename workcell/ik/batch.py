@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from workcell.geometry.clearance import ObstacleArrays
+from workcell.geometry.distance import KERNELS
 from workcell.geometry.types import Piece, SphereCover
 from workcell.model.robot import Robot
 from workcell.pose import Array, Pose, quat_to_matrix, rotation_vector
@@ -121,8 +123,11 @@ class Surroundings:
         self._size = np.zeros((len(pieces), 3))
         for k, piece in enumerate(pieces):
             self._size[k, : len(piece.size)] = piece.size
-        kinds = sorted({p.kind for p in pieces})
-        self._kinds = [(kind, np.array([p.kind == kind for p in pieces])) for kind in kinds]
+        kinds = sorted({p.kind for p in pieces} - {"hull"})
+        self._kinds = [
+            (KERNELS[k], _width(k, pieces), np.array([p.kind == k for p in pieces])) for k in kinds
+        ]
+        self._hulls = [(k, ObstacleArrays([p])) for k, p in enumerate(pieces) if p.kind == "hull"]
 
     def centres(self, links: Links) -> Array:
         """World centres (b, m, 3) of the robot's spheres."""
@@ -139,16 +144,27 @@ class Surroundings:
         near = squared.reshape(b, m, -1) < reach**2
         lane, sphere, piece = np.nonzero(near)
         point = centres[lane, sphere]
-        distance, normal = np.empty(len(lane)), np.empty((len(lane), 3))
-        R = self._rotation[piece]
-        local = np.matmul((point - self._origin[piece])[:, None, :], R)[:, 0]
-        for kind, members in self._kinds:
-            chosen = members[piece] if len(self._kinds) > 1 else slice(None)
-            distance[chosen], normal[chosen] = _FORMULAS[kind](local[chosen], self._size[piece[chosen]])
+        distance, normal = self._distances(point, piece)
         gap = distance - self.cover.radius[sphere]
         kept = np.flatnonzero(gap < margin)
-        world = (R[kept] @ normal[kept, :, None])[..., 0]
-        return Contacts(lane[kept], sphere[kept], piece[kept], gap[kept], point[kept], world)
+        return Contacts(lane[kept], sphere[kept], piece[kept], gap[kept], point[kept], normal[kept])
+
+    def _distances(self, point: Array, piece: Index) -> tuple[Array, Array]:
+        """Signed distance and outward direction of each world point (p, 3) from the piece (p,) beside it."""
+        distance, normal = np.empty(len(piece)), np.empty((len(piece), 3))
+        for kernel, width, members in self._kinds:
+            chosen = np.flatnonzero(members[piece])
+            which = piece[chosen]
+            R = self._rotation[which]
+            local = ((point[chosen] - self._origin[which])[:, None, :] @ R)[:, 0]
+            distance[chosen], local_normal = kernel(local, self._size[which, :width])
+            normal[chosen] = (R @ local_normal[..., None])[..., 0]
+        for index, hull in self._hulls:
+            chosen = np.flatnonzero(piece == index)
+            if len(chosen):
+                found, direction = hull.distances_and_gradients(point[chosen])
+                distance[chosen], normal[chosen] = found[:, 0], direction[:, 0]
+        return distance, normal
 
 
 def _cross(a: Array, b: Array) -> Array:
@@ -159,6 +175,10 @@ def _cross(a: Array, b: Array) -> Array:
     return out
 
 
+def _width(kind: str, pieces: Sequence[Piece]) -> int:
+    return next(len(piece.size) for piece in pieces if piece.kind == kind)
+
+
 def _bounding_radius(piece: Piece) -> float:
     if piece.kind == "halfspace":
         return float("inf")
@@ -167,49 +187,3 @@ def _bounding_radius(piece: Piece) -> float:
     if piece.kind == "capsule":
         return float(piece.size.sum())
     return float(np.linalg.norm(piece.size)) if piece.kind in ("box", "cylinder") else float(piece.size.max())
-
-
-def _corner(over: Array) -> tuple[Array, Array]:
-    """Distance and outward direction from an orthant's corner region: the largest excess inside, their norm outside."""
-    face, rows = np.argmax(over, axis=1), np.arange(len(over))
-    inside = over[rows, face]
-    normal = np.maximum(over, 0.0)
-    distance = np.sqrt((normal * normal).sum(1))
-    is_in = inside <= 0
-    normal[is_in, face[is_in]] = 1.0
-    normal /= np.where(is_in, 1.0, distance)[:, None]
-    return np.where(is_in, inside, distance), normal
-
-
-def _box(x: Array, half: Array) -> tuple[Array, Array]:
-    distance, normal = _corner(np.abs(x) - half)
-    return distance, normal * np.where(x < 0, -1.0, 1.0)
-
-
-def _ball(x: Array, size: Array) -> tuple[Array, Array]:
-    length = np.maximum(np.sqrt((x * x).sum(1)), 1e-12)
-    return length - size[:, 0], x / length[:, None]
-
-
-def _capsule(x: Array, size: Array) -> tuple[Array, Array]:
-    from_axis = x.copy()
-    from_axis[:, 2] -= np.clip(x[:, 2], -size[:, 1], size[:, 1])
-    return _ball(from_axis, size)
-
-
-def _cylinder(x: Array, size: Array) -> tuple[Array, Array]:
-    radius = np.maximum(np.hypot(x[:, 0], x[:, 1]), 1e-12)
-    over = np.stack([radius - size[:, 0], np.abs(x[:, 2]) - size[:, 1]], axis=1)
-    distance, outward = _corner(over)
-    normal = np.empty_like(x)
-    normal[:, :2] = outward[:, :1] * x[:, :2] / radius[:, None]
-    normal[:, 2] = outward[:, 1] * np.where(x[:, 2] < 0, -1.0, 1.0)
-    return distance, normal
-
-
-_FORMULAS: dict[str, Callable[[Array, Array], tuple[Array, Array]]] = {
-    "box": _box,
-    "sphere": _ball,
-    "capsule": _capsule,
-    "cylinder": _cylinder,
-}

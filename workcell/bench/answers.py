@@ -1,0 +1,126 @@
+"""Answer files: one JSON line a problem, with the proof of every "no" inline or, when it is large, in a file beside it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from workcell.errors import InputError, OutputError
+from workcell.ik.certificate import Certificate
+from workcell.ik.result import IKResult, Status
+
+INLINE_NUMBERS = 4096
+"""Certificates with more numbers than this go into a file of their own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """One line of an answer file: where it stands, and what it claims."""
+
+    line: int
+    id: str
+    status: Status
+    q: list[float] | None
+    certificate: Certificate | None
+    cpu_s: float
+
+
+def answer_line(identity: str, result: IKResult, folder: Path | None) -> dict[str, Any]:
+    """The JSON object of one answer; certificates too large for a line are written into `folder` (None: inline)."""
+    solved = result.status is Status.SOLVED and result.q is not None
+    return {
+        "id": identity,
+        "status": result.status.value,
+        "q": [float(value) for value in result.q] if solved and result.q is not None else None,
+        "time_s": round(float(result.stats.get("time_s", math.nan)), 6),
+        "cpu_s": round(float(result.stats.get("cpu_s", math.nan)), 6),
+        "solver": result.solver,
+        "certificate": _certificate_entry(identity, result.certificate, folder),
+        "rejected": list(result.rejected) if not solved else [],
+    }
+
+
+def _certificate_entry(identity: str, certificate: Certificate | None, folder: Path | None) -> Any:
+    if certificate is None:
+        return None
+    document = certificate.to_json()
+    if folder is None or sum(array.size for array in certificate.data.values()) <= INLINE_NUMBERS:
+        return document
+    name = "".join(letter if letter.isalnum() or letter in "-_" else "_" for letter in identity)
+    path = folder / f"{name}-{certificate.problem_hash[:12]}.json"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(document), encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"the certificate can't be written: {error.strerror}", where=path) from None
+    return f"{folder.name}/{path.name}"
+
+
+def certificate_folder(out: Path) -> Path:
+    """Where the large certificates of an answer file stand."""
+    return out.with_name(f"{out.stem}_certificates")
+
+
+def read_answers(path: Path) -> Iterator[Answer | str]:
+    """The answers of a file in order; a line that is no answer comes as the reason, beginning with its number.
+
+    Raises:
+        InputError: the file can't be read, or is not text.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise InputError(f"can't be read: {error.strerror}", where=path) from None
+    except UnicodeDecodeError:
+        raise InputError("is not a text file", where=path, remedy="a file of JSON lines") from None
+    for number, text in enumerate(lines, start=1):
+        if text.strip():
+            try:
+                yield _parse(number, json.loads(text), path)
+            except json.JSONDecodeError as error:
+                yield f"line {number}: is not JSON ({error.msg}, column {error.colno})"
+            except RecursionError:
+                yield f"line {number}: is nested too deeply"
+            except InputError as error:
+                yield f"line {number}: {error}"
+
+
+def _parse(number: int, document: Any, path: Path) -> Answer:
+    if not isinstance(document, dict):
+        raise InputError("is not a JSON object", remedy='{"id": ..., "status": ..., "q": ...}')
+    identity = document.get("id")
+    if not isinstance(identity, str):
+        raise InputError('the key "id" is missing or not a text')
+    q = document.get("q")
+    if q is not None:
+        _check_numbers(q, identity)
+    known = [status.value for status in Status]
+    name = document.get("status", Status.NOT_FOUND.value if q is None else Status.SOLVED.value)
+    if name not in known:
+        raise InputError(f"{identity}: unknown status {name!r}", remedy=", ".join(known))
+    certificate = _certificate(document.get("certificate"), path)
+    cpu = document.get("cpu_s", document.get("time_s"))
+    cpu_s = float(cpu) if isinstance(cpu, int | float) else math.nan
+    return Answer(number, identity, Status(name), q, certificate, cpu_s)
+
+
+def _check_numbers(q: Any, identity: str) -> None:
+    fine = isinstance(q, list) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in q)
+    if not fine or not all(abs(v) < 1e300 for v in q):
+        raise InputError(f'{identity}: "q" is not a list of finite numbers')
+
+
+def _certificate(entry: Any, path: Path) -> Certificate | None:
+    if entry is None:
+        return None
+    if not isinstance(entry, str):
+        return Certificate.from_json(entry)
+    beside = path.parent / entry
+    try:
+        return Certificate.from_json(beside.read_text(encoding="utf-8"), str(beside))
+    except (OSError, UnicodeDecodeError, ValueError) as error:
+        raise InputError(f"the certificate file can't be read: {error}", where=beside) from None

@@ -1,0 +1,372 @@
+"""Runs whole problem sets, and re-checks answers without any solver."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import signal
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, TextIO
+
+import numpy as np
+
+from workcell.bench.answers import Answer, answer_line, certificate_folder, read_answers
+from workcell.bench.problems import NamedProblem, ProblemSet
+from workcell.errors import OutputError, WorkcellError
+from workcell.ik.check import STATUS_OF_SCOPE, check_certificate
+from workcell.ik.problem import Budget
+from workcell.ik.result import IKResult, Status
+from workcell.ik.solve import AUTO, check_solver_name, solve
+from workcell.ik.verify import verify
+
+Progress = Callable[[], object]
+
+_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+@dataclass(frozen=True, slots=True)
+class SolveSummary:
+    """What a run over a problem set came to.
+
+    Attributes:
+        set, robot, solver, seed: what was run.
+        statuses: how many problems ended with each status.
+        solvers: how many answers came from each solver.
+        cpu_s: (n,) CPU seconds a problem, solving and verification.
+        wall_s: of the whole run.
+    """
+
+    set: str
+    robot: str
+    solver: str
+    seed: int
+    statuses: dict[str, int]
+    solvers: dict[str, int]
+    cpu_s: tuple[float, ...]
+    wall_s: float
+
+    def to_json(self) -> dict[str, Any]:
+        """A plain dictionary."""
+        mean, median, p95 = cpu_figures(self.cpu_s)
+        return {
+            "set": self.set,
+            "robot": self.robot,
+            "solver": self.solver,
+            "seed": self.seed,
+            "n": len(self.cpu_s),
+            "statuses": dict(self.statuses),
+            "answered_by": dict(self.solvers),
+            "cpu_ms_mean": mean,
+            "cpu_ms_median": median,
+            "cpu_ms_p95": p95,
+            "wall_s": self.wall_s,
+        }
+
+    def rows(self) -> list[tuple[str, object]]:
+        """(label, value) for a table."""
+        mean, median, p95 = cpu_figures(self.cpu_s)
+        return [
+            ("problems", len(self.cpu_s)),
+            *(
+                (status.value, self.statuses[status.value])
+                for status in Status
+                if status.value in self.statuses
+            ),
+            *((f"answered by {name}", count) for name, count in self.solvers.items()),
+            ("CPU ms, mean", mean),
+            ("CPU ms, median", median),
+            ("CPU ms, 95 %", p95),
+            ("wall s", self.wall_s),
+        ]
+
+
+@dataclass(slots=True)
+class VerifyReport:
+    """What a re-check of answers came to: how many hold, and which were refused, why."""
+
+    problems: int
+    solved: int = 0
+    proved: int = 0
+    unanswered: int = 0
+    refused: list[str] = field(default_factory=list)
+    position_error: float = 0.0
+    rotation_error: float = 0.0
+    clearance: float = float("inf")
+
+    @property
+    def missing(self) -> int:
+        """Problems without a line."""
+        return self.problems - self.solved - self.proved - self.unanswered
+
+    def to_json(self) -> dict[str, Any]:
+        """A plain dictionary; errors and clearance are the worst of the accepted configurations."""
+        return {
+            "problems": self.problems,
+            "solved": self.solved,
+            "proved": self.proved,
+            "unanswered": self.unanswered,
+            "missing": self.missing,
+            "refused": list(self.refused),
+            "max_position_error_m": self.position_error if self.solved else None,
+            "max_rotation_error_rad": self.rotation_error if self.solved else None,
+            "min_clearance_m": self.clearance if np.isfinite(self.clearance) else None,
+        }
+
+    def rows(self) -> list[tuple[str, object]]:
+        """(label, value) for a table."""
+        figures = self.to_json()
+        figures["refused"] = len(self.refused)
+        return [(name.replace("_", " "), value) for name, value in figures.items()]
+
+
+def cpu_figures(cpu_s: tuple[float, ...] | list[float]) -> tuple[float, float, float]:
+    """Mean, median and 95th percentile in milliseconds; nan without any."""
+    if not cpu_s:
+        return (float("nan"),) * 3
+    ms = 1e3 * np.array(cpu_s)
+    return float(ms.mean()), float(np.median(ms)), float(np.percentile(ms, 95))
+
+
+def problem_seed(seed: int, identity: str) -> int:
+    """The seed of one problem: it depends on the run's seed and the problem's id alone, not on order or processes."""
+    return int.from_bytes(hashlib.sha256(f"{seed}:{identity}".encode()).digest()[:4], "big")
+
+
+def solve_set(
+    problem_set: ProblemSet,
+    *,
+    solver: str = AUTO,
+    budget: Budget | None = None,
+    seed: int = 0,
+    jobs: int = 1,
+    out: Path | None = None,
+    progress: Progress | None = None,
+) -> SolveSummary:
+    """Solve every problem of a set.
+
+    Args:
+        problem_set: as `load_problem_set` reads it.
+        solver: a name that `workcell.ik.solve.solve` takes.
+        budget: CPU seconds a problem.
+        seed: of the run; each problem has its own, derived from it and the id.
+        jobs: processes.
+        out: JSON lines, one a problem in the set's order. They are written to `<out>.partial` as they are found
+            and renamed at the end: an earlier file stays until then, and an interrupted run leaves the partial one.
+        progress: called after every problem.
+
+    Raises:
+        UnknownNameError: no such solver. OutputError: `out` can't be written.
+        KeyboardInterrupt: interrupted; its message says where the answers so far are.
+    """
+    check_solver_name(solver)
+    started = time.perf_counter()
+    task = _Task(
+        problem_set.problems,
+        solver,
+        budget or Budget(),
+        seed,
+        None if out is None else certificate_folder(out),
+    )
+    statuses, solvers, cpu = Counter[str](), Counter[str](), []
+    with _output(out) as file:
+        for line in _lines(task, jobs):
+            if file is not None:
+                _write(file, line, out)
+            statuses[line["status"]] += 1
+            if line["status"] not in (Status.NOT_FOUND.value, Status.SOLVER_ERROR.value):
+                solvers[line["solver"]] += 1
+            cpu.append(line["cpu_s"])
+            if progress is not None:
+                progress()
+    return SolveSummary(
+        problem_set.name,
+        problem_set.robot.name,
+        solver,
+        seed,
+        dict(statuses),
+        dict(solvers),
+        tuple(cpu),
+        time.perf_counter() - started,
+    )
+
+
+def verify_answers(problem_set: ProblemSet, answers: Path) -> VerifyReport:
+    """Re-check configurations and certificates of an answer file, without any solver.
+
+    Raises:
+        InputError: the file can't be read. Lines that are no answers are refused in the report, by number.
+    """
+    problems = {named.id: named for named in problem_set.problems}
+    report = VerifyReport(len(problems))
+    seen: set[str] = set()
+    for answer in read_answers(answers):
+        if isinstance(answer, str):
+            report.refused.append(answer)
+        elif answer.id not in problems:
+            report.refused.append(f"line {answer.line}: the set has no problem {answer.id!r}")
+        elif answer.id in seen:
+            report.refused.append(f"line {answer.line}: a second answer to {answer.id!r}")
+        else:
+            seen.add(answer.id)
+            _judge(problems[answer.id], answer, report)
+    return report
+
+
+def _judge(named: NamedProblem, answer: Answer, report: VerifyReport) -> None:
+    if answer.status is Status.SOLVED:
+        reason = _judge_configuration(named, answer, report)
+    elif answer.status.is_proof:
+        reason = _judge_proof(named, answer)
+        report.proved += reason is None
+    else:
+        reason = None
+        report.unanswered += 1
+    if reason is not None:
+        report.unanswered += 1
+        report.refused.append(f"line {answer.line}: {answer.id}: {reason}")
+
+
+def _judge_configuration(named: NamedProblem, answer: Answer, report: VerifyReport) -> str | None:
+    if answer.q is None:
+        return "claims SOLVED without a configuration"
+    verdict = verify(named.problem, answer.q)
+    if not verdict.accepted:
+        return "; ".join(verdict.reasons)
+    report.solved += 1
+    report.position_error = max(report.position_error, verdict.position_error)
+    report.rotation_error = max(report.rotation_error, verdict.rotation_error)
+    report.clearance = min(report.clearance, verdict.clearance.distance)
+    return None
+
+
+def _judge_proof(named: NamedProblem, answer: Answer) -> str | None:
+    if answer.certificate is None:
+        return f"claims {answer.status.value} without a certificate"
+    if STATUS_OF_SCOPE[answer.certificate.scope] is not answer.status:
+        return f"claims {answer.status.value}, but the certificate is about {answer.certificate.scope!r}"
+    refusal = check_certificate(named.problem, answer.certificate)
+    return None if refusal is None else f"the certificate does not hold: {refusal}"
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """What a worker process needs."""
+
+    problems: tuple[NamedProblem, ...]
+    solver: str
+    budget: Budget
+    seed: int
+    certificates: Path | None
+
+    def line(self, index: int) -> dict[str, Any]:
+        named = self.problems[index]
+        result: IKResult = solve(named.problem, self.solver, self.budget, problem_seed(self.seed, named.id))
+        return answer_line(named.id, result, self.certificates)
+
+
+_worker_task: _Task | None = None
+
+
+def _start_worker(task: _Task) -> None:
+    global _worker_task
+    # Ctrl-C reaches every process of the terminal; the parent alone answers it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _worker_task = task
+
+
+def _pickle_mapping(mapping: MappingProxyType[Any, Any]) -> tuple[Any, ...]:
+    return MappingProxyType, (dict(mapping),)
+
+
+def _worker_line(index: int) -> dict[str, Any]:
+    assert _worker_task is not None
+    return _worker_task.line(index)
+
+
+def _lines(task: _Task, jobs: int) -> Iterator[dict[str, Any]]:
+    """Answers in the set's order."""
+    if jobs <= 1 or len(task.problems) <= 1:
+        yield from (task.line(index) for index in range(len(task.problems)))
+        return
+    import multiprocessing
+    from multiprocessing.reduction import ForkingPickler
+
+    ForkingPickler.register(MappingProxyType, _pickle_mapping)
+    others = set(multiprocessing.active_children())
+    with _single_threaded():
+        pool = ProcessPoolExecutor(
+            jobs, multiprocessing.get_context("spawn"), initializer=_start_worker, initargs=(task,)
+        )
+        try:
+            yield from pool.map(_worker_line, range(len(task.problems)))
+        except BrokenProcessPool:
+            raise WorkcellError(
+                "a worker process died", where="jobs", remedy="use fewer processes: memory may be short"
+            ) from None
+        except BaseException:
+            for process in set(multiprocessing.active_children()) - others:
+                process.terminate()
+            raise
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextlib.contextmanager
+def _single_threaded() -> Iterator[None]:
+    """Processes started inside use one BLAS thread each."""
+    before = {name: os.environ.get(name) for name in _ONE_THREAD}
+    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@contextlib.contextmanager
+def _output(out: Path | None) -> Iterator[TextIO | None]:
+    """The open partial file, which takes its name when everything went well."""
+    if out is None:
+        yield None
+        return
+    partial = out.with_name(out.name + ".partial")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        file = partial.open("w", encoding="utf-8")
+    except OSError as error:
+        raise OutputError(
+            f"can't be written: {error.strerror}", where=partial, remedy="choose a writable folder with --out"
+        ) from None
+    try:
+        with file:
+            yield file
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"interrupted; the answers so far are in {partial}") from None
+    try:
+        partial.replace(out)
+    except OSError as error:
+        raise OutputError(
+            f"can't be written: {error.strerror}", where=out, remedy=f"the answers are in {partial}"
+        ) from None
+
+
+def _write(file: TextIO, line: dict[str, Any], out: Path | None) -> None:
+    try:
+        file.write(json.dumps(line) + "\n")
+        file.flush()
+    except OSError as error:
+        raise OutputError(
+            f"can't be written: {error.strerror}", where=out, remedy="is the disk full?"
+        ) from None

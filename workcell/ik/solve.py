@@ -1,0 +1,214 @@
+"""The one entry to inverse kinematics: `solve`. Solvers propose; the judge and the re-checked certificate decide."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from workcell.errors import InputError, UnknownNameError, WorkcellError
+from workcell.ik.certificate import Certificate
+from workcell.ik.check import STATUS_OF_SCOPE, check_certificate
+from workcell.ik.elementary import prove_impossible
+from workcell.ik.multistart import solve_multistart
+from workcell.ik.problem import Budget, IKProblem
+from workcell.ik.result import Candidate, IKResult, Status
+from workcell.ik.verify import Verification, verify
+from workcell.model.robot import LIMIT_SLACK
+from workcell.pose import Array
+
+Solver = Callable[[IKProblem, Budget, int], Candidate]
+
+_NAN = float("nan")
+
+
+def _elementary(problem: IKProblem, budget: Budget, seed: int) -> Candidate:
+    return Candidate(certificate=prove_impossible(problem))
+
+
+def _ikspark(problem: IKProblem, budget: Budget, seed: int) -> Candidate:
+    from workcell.ik.ikspark import solve_ikspark
+
+    return solve_ikspark(problem, budget, seed)
+
+
+def _ikspark_local(problem: IKProblem, budget: Budget, seed: int) -> Candidate:
+    from workcell.ik.ikspark import solve_ikspark
+
+    return solve_ikspark(problem, budget, seed, local=True)
+
+
+_SOLVERS: dict[str, Solver] = {
+    "multistart": solve_multistart,
+    "ikspark": _ikspark,
+    "ikspark+lm": _ikspark_local,
+}
+
+AUTO = "auto"
+
+_PORTFOLIO: tuple[tuple[str, Solver, float], ...] = (
+    ("elementary", _elementary, 0.0),
+    ("multistart", solve_multistart, 0.15),
+    ("ikspark", _ikspark, 0.35),
+    ("multistart", solve_multistart, 1.0),
+)
+"""Stages of `auto`: name, solver, and the share of the CPU budget at whose end the stage must stop."""
+
+
+def solver_names() -> tuple[str, ...]:
+    """Names that `solve` takes."""
+    return (AUTO, *_SOLVERS)
+
+
+def check_solver_name(name: str) -> None:
+    """Raise UnknownNameError, with close matches, unless `solve` knows the solver."""
+    if name not in solver_names():
+        raise UnknownNameError("solver", name, solver_names(), where="solver")
+
+
+def solve(problem: IKProblem, solver: str = AUTO, budget: Budget | None = None, seed: int = 0) -> IKResult:
+    """Answer an inverse-kinematics problem.
+
+    Args:
+        problem: the question.
+        solver: `auto` (elementary proofs, then sampling, then the convex method), or one solver by name.
+        budget: CPU seconds of this process; default `Budget()`. Zero: NOT_FOUND at once.
+        seed: same problem, solver and seed, same answer, as far as the budget reaches.
+
+    Returns:
+        `SOLVED` only with a configuration that `verify` accepted, a "no" only with a certificate that
+        `check_certificate` accepted, otherwise `NOT_FOUND` or `SOLVER_ERROR`.
+
+    Raises:
+        UnknownNameError: no such solver. InputError: a seed that is no whole number >= 0.
+    """
+    check_solver_name(solver)
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InputError(f"the seed is {seed!r}", where="seed", remedy="a whole number >= 0")
+    stages = _PORTFOLIO if solver == AUTO else ((solver, _SOLVERS[solver], 1.0),)
+    return _Portfolio(problem, solver, budget or Budget(), int(seed)).run(stages)
+
+
+@dataclass(slots=True)
+class _Portfolio:
+    """Runs stages until one gives an answer that holds; remembers what the others said."""
+
+    problem: IKProblem
+    name: str
+    budget: Budget
+    seed: int
+    started_cpu: float = field(default_factory=time.process_time)
+    started: float = field(default_factory=time.perf_counter)
+    stats: dict[str, float] = field(default_factory=dict)
+    rejected: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+    in_model: tuple[str, Certificate] | None = None
+
+    def run(self, stages: tuple[tuple[str, Solver, float], ...]) -> IKResult:
+        """The first answer that holds."""
+        if self.budget.cpu_s == 0:
+            return self._result(Status.NOT_FOUND, self.name)
+        completed = 0
+        for order, (name, solver, share) in enumerate(stages):
+            left = share * self.budget.cpu_s - self._spent()
+            if share > 0 and left <= 0:
+                continue
+            candidate = self._call(name, solver, Budget(max(left, 0.0)), self.seed + 7919 * order)
+            completed += candidate.error is None
+            result = self._answer(name, candidate)
+            if result is not None:
+                return result
+        if self.in_model is not None:
+            solver_name, certificate = self.in_model
+            return self._result(Status.BLOCKED_IN_MODEL, solver_name, certificate=certificate)
+        # the elementary stage alone finds nothing out about solutions
+        failed = self.errors and completed <= (1 if self.name == AUTO else 0)
+        return self._result(Status.SOLVER_ERROR if failed else Status.NOT_FOUND, self.name)
+
+    def _spent(self) -> float:
+        return time.process_time() - self.started_cpu
+
+    def _call(self, name: str, solver: Solver, budget: Budget, seed: int) -> Candidate:
+        """A stage's candidate; whatever numerical failure happens inside becomes its `error`."""
+        before = self._spent()
+        try:
+            with np.errstate(all="ignore"):
+                candidate = solver(self.problem, budget, seed)
+        except WorkcellError:
+            raise
+        except Exception as error:
+            candidate = Candidate(error=f"{type(error).__name__}: {error}")
+        except BaseException as error:
+            # a panic in Clarabel's Rust code arrives outside the Exception hierarchy
+            if type(error).__name__ != "PanicException":
+                raise
+            candidate = Candidate(error=f"the conic solver panicked: {error}")
+        for key, value in {**candidate.stats, "cpu_s": self._spent() - before}.items():
+            label = f"{name}.{key}"
+            self.stats[label] = self.stats.get(label, 0.0) + float(value)
+        return candidate
+
+    def _answer(self, name: str, candidate: Candidate) -> IKResult | None:
+        """A result if the candidate holds; else its failures are noted."""
+        self.rejected += [reason for reason in candidate.rejected if reason not in self.rejected]
+        if candidate.error is not None:
+            self.errors.append(candidate.error)
+            self.rejected.append(f"{name} failed: {candidate.error}")
+        if candidate.q is not None:
+            q = self._into_limits(candidate.q)
+            verdict = verify(self.problem, q)
+            if verdict.accepted:
+                return self._result(Status.SOLVED, name, q=q, verdict=verdict)
+            self.rejected.append(f"{name}'s configuration was refused: {'; '.join(verdict.reasons)}")
+        if candidate.certificate is not None:
+            return self._proof(name, candidate.certificate)
+        return None
+
+    def _proof(self, name: str, certificate: Certificate) -> IKResult | None:
+        refusal = check_certificate(self.problem, certificate)
+        if refusal is not None:
+            self.rejected.append(f"{name}'s certificate was refused: {refusal}")
+            return None
+        status = STATUS_OF_SCOPE[certificate.scope]
+        if status is Status.BLOCKED_IN_MODEL and self.name == AUTO:
+            # the true geometry may still allow a solution: let the other solvers look for it
+            self.in_model = self.in_model or (name, certificate)
+            return None
+        return self._result(status, name, certificate=certificate)
+
+    def _into_limits(self, q: Array) -> Array:
+        """Clamp what exceeds the limits by rounding only; the rest is the judge's business."""
+        robot = self.problem.robot
+        values = np.array(q, dtype=float)
+        if values.shape != (robot.dof,):
+            return values
+        clamped: Array = np.clip(values, robot.lower, robot.upper)
+        excess = float(np.abs(clamped - values).max())
+        if not 0 < excess <= LIMIT_SLACK:
+            return values
+        self.stats["clamped_to_limits"] = excess
+        return clamped
+
+    def _result(
+        self,
+        status: Status,
+        solver: str,
+        *,
+        q: Array | None = None,
+        verdict: Verification | None = None,
+        certificate: Certificate | None = None,
+    ) -> IKResult:
+        stats = {**self.stats, "cpu_s": self._spent(), "time_s": time.perf_counter() - self.started}
+        result = IKResult(
+            status, solver, q=q, certificate=certificate, stats=stats, rejected=tuple(self.rejected)
+        )
+        if verdict is None:
+            return result
+        return replace(
+            result,
+            position_error=verdict.position_error,
+            rotation_error=verdict.rotation_error,
+            clearance=verdict.clearance,
+        )

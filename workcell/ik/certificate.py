@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+import json
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Literal, cast, get_args
 
-from workcell.pose import Array, read_only
+import numpy as np
+
+from workcell.errors import InputError
+from workcell.ik.problem import IKProblem
+from workcell.pose import Array, Pose, read_only
+
+FORMAT = "workcell-certificate/1"
 
 Scope = Literal["kinematics", "geometry", "model"]
 """What a proof is about: the kinematics alone (UNREACHABLE), the true geometry (BLOCKED), the conservative model."""
@@ -35,3 +44,114 @@ class Certificate:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "data", MappingProxyType({k: read_only(v) for k, v in self.data.items()}))
+
+    def to_json(self) -> dict[str, Any]:
+        """A JSON document that `from_json` reads back exactly."""
+        return {
+            "format": FORMAT,
+            "kind": self.kind,
+            "scope": self.scope,
+            "statement": self.statement,
+            "margin": self.margin,
+            "problem_hash": self.problem_hash,
+            "data": {
+                name: {"shape": list(a.shape), "values": a.ravel().tolist()} for name, a in self.data.items()
+            },
+        }
+
+    @staticmethod
+    def from_json(document: Any, where: str = "certificate") -> Certificate:
+        """Read a document that `to_json` wrote.
+
+        Raises:
+            InputError: it is damaged, or not a certificate; `where` and the element begin the message.
+        """
+        if isinstance(document, str):
+            try:
+                document = json.loads(document)
+            except ValueError as error:
+                raise InputError(f"not JSON: {error}", where=where) from None
+        if not isinstance(document, dict) or document.get("format") != FORMAT:
+            raise InputError("not a certificate", where=where, remedy=f'an object with "format": "{FORMAT}"')
+        texts = {name: document.get(name) for name in ("kind", "scope", "statement", "problem_hash")}
+        for name, value in texts.items():
+            if not isinstance(value, str):
+                raise InputError("missing, or not a text", where=f"{where}.{name}")
+        if texts["scope"] not in get_args(Scope):
+            raise InputError(
+                f"unknown scope {texts['scope']!r}", where=f"{where}.scope", remedy=", ".join(get_args(Scope))
+            )
+        margin, data = document.get("margin"), document.get("data")
+        if isinstance(margin, bool) or not isinstance(margin, int | float) or not math.isfinite(margin):
+            raise InputError("missing, or not a finite number", where=f"{where}.margin")
+        if not isinstance(data, dict):
+            raise InputError("missing, or not an object", where=f"{where}.data")
+        arrays = {name: _array(entry, f"{where}.data.{name}") for name, entry in data.items()}
+        return Certificate(
+            kind=str(texts["kind"]),
+            scope=cast(Scope, texts["scope"]),
+            statement=str(texts["statement"]),
+            margin=float(margin),
+            problem_hash=str(texts["problem_hash"]),
+            data=arrays,
+        )
+
+
+def _array(entry: Any, where: str) -> Array:
+    try:
+        shape = tuple(int(size) for size in entry["shape"])
+        values = np.array(entry["values"], dtype=float)
+        if min(shape, default=0) < 0:
+            raise ValueError
+        array: Array = values.reshape(shape)
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise InputError('damaged: needs "shape" and as many "values"', where=where) from None
+    if not np.all(np.isfinite(array)):
+        raise InputError("a value is not finite", where=where)
+    return array
+
+
+def problem_hash(problem: IKProblem) -> str:
+    """SHA-256 (hex) of everything a certificate depends on: chain, limits, target, obstacles, cover, bounds, tolerances.
+
+    Names and the collision checker are left out: no proof uses them.
+    """
+    digest = hashlib.sha256()
+    for item in _content(problem):
+        if isinstance(item, str):
+            data, kind = item.encode(), "text"
+        else:
+            values = np.asarray(item, dtype=float) + 0.0  # -0.0 and 0.0 are the same number
+            data, kind = values.tobytes(), str(values.shape)
+        digest.update(f"{kind}:{len(data)}:".encode() + data)
+    return digest.hexdigest()
+
+
+def _content(problem: IKProblem) -> Iterator[Any]:
+    robot, tolerances = problem.robot, problem.tolerances
+    yield from (robot.parents, robot.joint_xyz, robot.joint_rotation, robot.axis, robot.prismatic)
+    yield from (
+        robot.lower,
+        robot.upper,
+        *_pose(robot.T_world_base),
+        robot.tool().link,
+        *_pose(robot.tool().T_link_tool),
+    )
+    yield from _pose(problem.target)
+    yield "obstacles"
+    for piece in problem.obstacles:
+        yield piece.kind
+        yield from (*_pose(piece.pose), piece.size, np.zeros(0) if piece.vertices is None else piece.vertices)
+    if problem.cover is not None:
+        yield from ("cover", problem.cover.link, problem.cover.centre, problem.cover.radius)
+    if problem.free_space is not None:
+        yield from ("free space", problem.free_space.lower, problem.free_space.upper)
+    for name in ("q_reference", "max_step", "max_link_rotation"):
+        value = getattr(problem, name)
+        if value is not None:
+            yield from (name, value)
+    yield from (tolerances.position, tolerances.rotation, tolerances.safety_margin)
+
+
+def _pose(pose: Pose) -> tuple[Array, Array]:
+    return pose.position, pose.quat_wxyz

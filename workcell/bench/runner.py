@@ -283,8 +283,13 @@ def _start_worker(task: _Task) -> None:
     _worker_task = task
 
 
-def _pickle_mapping(mapping: MappingProxyType[Any, Any]) -> tuple[Any, ...]:
-    return MappingProxyType, (dict(mapping),)
+def _reduce_mapping(mapping: MappingProxyType[str, Any]) -> tuple[Any, ...]:
+    """Read-only mappings can't be pickled by themselves."""
+    return _restore_mapping, (dict(mapping),)
+
+
+def _restore_mapping(values: dict[str, Any]) -> MappingProxyType[str, Any]:
+    return MappingProxyType(values)
 
 
 def _worker_line(index: int) -> dict[str, Any]:
@@ -300,7 +305,7 @@ def _lines(task: _Task, jobs: int) -> Iterator[dict[str, Any]]:
     import multiprocessing
     from multiprocessing.reduction import ForkingPickler
 
-    ForkingPickler.register(MappingProxyType, _pickle_mapping)
+    ForkingPickler.register(MappingProxyType, _reduce_mapping)
     others = set(multiprocessing.active_children())
     with _single_threaded():
         pool = ProcessPoolExecutor(

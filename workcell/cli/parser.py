@@ -8,7 +8,8 @@ from collections.abc import Callable
 
 Command = Callable[[argparse.Namespace], int]
 
-_EXIT_CODES = "exit codes: 0 done and achieved, 1 ran but not achieved, 2 bad input, 3 proved impossible, 130 interrupted"
+_EXIT_CODES = """\
+exit codes: 0 done and achieved; 1 ran, but not achieved; 2 bad input; 3 proved impossible; 130 interrupted"""
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -16,7 +17,8 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="workcell",
         description="Verified inverse kinematics, planning, simulation and recordings for robot cells.",
-        epilog=f"example: workcell run shelf_grasp        {_EXIT_CODES}",
+        epilog=f"example: workcell run shelf_grasp\n\n{_EXIT_CODES}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {_version()}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="name")

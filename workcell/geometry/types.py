@@ -117,13 +117,19 @@ class FreeSpace:
     Attributes:
         lower, upper: (k, 3) corners in metres.
         covered_fraction: measured share of the reachable free workspace inside, or nan when not measured.
+        margin: (k,) metres, the proved separation from the nearest obstacle (>= 0); None when nothing was proved.
+        skipped_seeds: seeds that lay inside an obstacle or outside the workspace.
     """
 
     lower: Array
     upper: Array
     covered_fraction: float = float("nan")
+    margin: Array | None = None
+    skipped_seeds: int = 0
 
     def __post_init__(self) -> None:
+        if self.margin is not None:
+            object.__setattr__(self, "margin", read_only(self.margin))
         object.__setattr__(self, "lower", read_only(np.asarray(self.lower, dtype=float).reshape(-1, 3)))
         object.__setattr__(self, "upper", read_only(np.asarray(self.upper, dtype=float).reshape(-1, 3)))
         if self.lower.shape != self.upper.shape or np.any(self.lower > self.upper):

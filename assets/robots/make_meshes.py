@@ -23,10 +23,9 @@ SEGMENTS = 32  # around a circle
 FILLET_STEPS = 3
 
 Points = NDArray[np.float64]
-Mesh = trimesh.Trimesh
 
 
-def skin(rings: Sequence[Points]) -> Mesh:
+def skin(rings: Sequence[Points]) -> trimesh.Trimesh:
     """The closed surface through rings of equally many points; the first and last ring may shrink to a point."""
     n = len(rings[0])
     vertices = np.concatenate([*rings, [rings[0].mean(axis=0), rings[-1].mean(axis=0)]])
@@ -41,13 +40,13 @@ def skin(rings: Sequence[Points]) -> Mesh:
     top = (len(rings) - 1) * n
     faces.append(np.column_stack([np.full(n, first), after, here]))
     faces.append(np.column_stack([np.full(n, last), top + here, top + after]))
-    mesh = Mesh(vertices, np.concatenate(faces), process=True)
+    mesh = trimesh.Trimesh(vertices, np.concatenate(faces), process=True)
     if mesh.volume < 0:
         mesh.invert()
     return mesh
 
 
-def turned(start: ArrayLike, end: ArrayLike, profile: Sequence[tuple[float, float]]) -> Mesh:
+def turned(start: ArrayLike, end: ArrayLike, profile: Sequence[tuple[float, float]]) -> trimesh.Trimesh:
     """A profile of (distance from `start`, radius) revolved about the axis from `start` to `end`."""
     origin, axis = np.asarray(start, float), np.subtract(end, start)
     axis = axis / np.linalg.norm(axis)
@@ -58,7 +57,9 @@ def turned(start: ArrayLike, end: ArrayLike, profile: Sequence[tuple[float, floa
     return skin([origin + distance * axis + radius * circle for distance, radius in profile])
 
 
-def barrel(start: ArrayLike, end: ArrayLike, radius: float, fillet: float = 0.012, waist: float = 0.0) -> Mesh:
+def barrel(
+    start: ArrayLike, end: ArrayLike, radius: float, fillet: float = 0.012, waist: float = 0.0
+) -> trimesh.Trimesh:
     """A cylinder with rounded edges; `waist` makes it thinner in the middle."""
     length = float(np.linalg.norm(np.subtract(end, start)))
     turn = np.linspace(0, np.pi / 2, FILLET_STEPS + 1)
@@ -66,17 +67,23 @@ def barrel(start: ArrayLike, end: ArrayLike, radius: float, fillet: float = 0.01
     profile = [*rise, *((length - distance, r) for distance, r in reversed(rise))]
     if waist:
         middle = np.linspace(fillet, length - fillet, 9)[1:-1]
-        bow = [(z, radius - waist * np.sin(np.pi * (z - fillet) / (length - 2 * fillet)) ** 2) for z in middle]
+        bow = [
+            (z, radius - waist * np.sin(np.pi * (z - fillet) / (length - 2 * fillet)) ** 2) for z in middle
+        ]
         profile = [*rise, *bow, *profile[len(rise) :]]
     return turned(start, end, profile)
 
 
-def disc(start: ArrayLike, end: ArrayLike, radius: float) -> Mesh:
+def disc(start: ArrayLike, end: ArrayLike, radius: float) -> trimesh.Trimesh:
     """A thin plate or cap with a small chamfer on its edge."""
-    return barrel(start, end, radius, fillet=min(0.004, 0.45 * float(np.linalg.norm(np.subtract(end, start)))))
+    return barrel(
+        start, end, radius, fillet=min(0.004, 0.45 * float(np.linalg.norm(np.subtract(end, start))))
+    )
 
 
-def tube(path: Sequence[tuple[float, float]], half_x: Sequence[float], half_normal: Sequence[float]) -> Mesh:
+def tube(
+    path: Sequence[tuple[float, float]], half_x: Sequence[float], half_normal: Sequence[float]
+) -> trimesh.Trimesh:
     """An ellipse swept along a smooth path through points (y, z): half width along x, half thickness across the path.
 
     The points are joined by a monotone parameter and cubic interpolation, so that a few of them make a round bend.
@@ -110,7 +117,7 @@ def _smooth(knots: Points, values: Points, at: Points) -> Points:
     )
 
 
-def rounded_box(lower: ArrayLike, upper: ArrayLike, radius: float) -> Mesh:
+def rounded_box(lower: ArrayLike, upper: ArrayLike, radius: float) -> trimesh.Trimesh:
     """The box between two corners, with rounded edges."""
     ball = trimesh.creation.icosphere(subdivisions=2, radius=radius).vertices
     low, high = np.asarray(lower, float) + radius, np.asarray(upper, float) - radius
@@ -118,14 +125,32 @@ def rounded_box(lower: ArrayLike, upper: ArrayLike, radius: float) -> Mesh:
     return trimesh.convex.convex_hull((corners[:, None, :] + ball).reshape(-1, 3))
 
 
-def sawyer() -> dict[str, list[Mesh]]:
+def sawyer() -> dict[str, list[trimesh.Trimesh]]:
     """Red shells, dark joint caps, a head with a screen, a pedestal on four legs."""
     return {
         "pedestal_column": [
-            turned([-0.02, 0, -0.86], [-0.02, 0, 0], [(0, 0.178), (0.05, 0.178), (0.3, 0.15), (0.7, 0.14), (0.82, 0.14), (0.845, 0.15), (0.86, 0.15)])
+            turned(
+                [-0.02, 0, -0.86],
+                [-0.02, 0, 0],
+                [
+                    (0, 0.178),
+                    (0.05, 0.178),
+                    (0.3, 0.15),
+                    (0.7, 0.14),
+                    (0.82, 0.14),
+                    (0.845, 0.15),
+                    (0.86, 0.15),
+                ],
+            )
         ],
         "controller_box": [rounded_box([-0.435, -0.2, -0.645], [-0.215, 0.2, -0.115], 0.02)],
-        "right_arm_base_link": [turned([0, 0, 0], [0, 0, 1], [(0, 0.105), (0.03, 0.105), (0.045, 0.098), (0.06, 0.08), (0.078, 0.075)])],
+        "right_arm_base_link": [
+            turned(
+                [0, 0, 0],
+                [0, 0, 1],
+                [(0, 0.105), (0.03, 0.105), (0.045, 0.098), (0.06, 0.08), (0.078, 0.075)],
+            )
+        ],
         "right_l0_shell": [
             barrel([0, 0, 0.002], [0, 0, 0.3], 0.068, 0.015),
             barrel([0.081, -0.06, 0.237], [0.081, 0.048, 0.237], 0.068),
@@ -141,24 +166,30 @@ def sawyer() -> dict[str, list[Mesh]]:
         ],
         "right_l1_shell": [
             barrel([0, 0, 0.002], [0, 0, 0.178], 0.068, 0.018),
-            turned([0, 0, 0.1425], [0, -1, 0.1425], [(0, 0.054), (0.06, 0.054), (0.085, 0.0528), (0.1385, 0.0528)]),
+            turned([0, -0.01, 0.1425], [0, -1, 0.1425], [(0, 0.0522), (0.1285, 0.0522)]),
         ],
-        "right_l1_cap": [disc([0, 0, 0.176], [0, 0, 0.1945], 0.058)],
+        "right_l1_cap": [disc([0, 0, 0.176], [0, 0, 0.1955], 0.058)],
         "right_l2_shell": [
-            barrel([0, 0, 0.014], [0, 0, 0.285], 0.0532, 0.006, waist=0.006),
+            barrel([0, 0, 0.014], [0, 0, 0.262], 0.0528, 0.006, waist=0.006),
             barrel([0, -0.041, 0.26], [0, 0.04, 0.26], 0.0534, 0.01),
         ],
-        "right_l2_cap": [disc([0, 0, 0.001], [0, 0, 0.015], 0.0515), disc([0, 0.038, 0.26], [0, 0.0532, 0.26], 0.046)],
+        "right_l2_cap": [
+            disc([0, 0, 0.001], [0, 0, 0.015], 0.0515),
+            disc([0, 0.038, 0.26], [0, 0.0532, 0.26], 0.046),
+        ],
         "right_l3_shell": [
             barrel([0, 0, -0.001], [0, 0, -0.158], 0.0542, 0.014),
-            turned([0, 0, -0.1265], [0, -1, -0.1265], [(0, 0.048), (0.05, 0.048), (0.07, 0.0465), (0.125, 0.0465)]),
+            turned([0, 0, -0.1265], [0, -1, -0.1265], [(0, 0.0455), (0.125, 0.0455)]),
         ],
         "right_l3_cap": [disc([0, 0, -0.156], [0, 0, -0.1725], 0.046)],
         "right_l4_shell": [
             barrel([0, 0, 0.012], [0, 0, 0.275], 0.0448, 0.006, waist=0.007),
             barrel([0, -0.016, 0.272], [0, 0.03, 0.272], 0.0435, 0.012),
         ],
-        "right_l4_cap": [disc([0, 0, 0.0], [0, 0, 0.013], 0.0435), disc([0, -0.026, 0.272], [0, -0.014, 0.272], 0.033)],
+        "right_l4_cap": [
+            disc([0, 0, 0.0], [0, 0, 0.013], 0.0435),
+            disc([0, -0.026, 0.272], [0, -0.014, 0.272], 0.033),
+        ],
         "right_l5_shell": [
             barrel([0, 0, 0.001], [0, 0, 0.14], 0.0478, 0.014),
             turned([0, 0, 0.1053], [0, -1, 0.1053], [(0, 0.0465), (0.0695, 0.0465)]),
@@ -172,83 +203,172 @@ def sawyer() -> dict[str, list[Mesh]]:
     }
 
 
-def ur10() -> dict[str, list[Mesh]]:
+def ur10() -> dict[str, list[trimesh.Trimesh]]:
     """Silver housings and tubes; blue caps on the free end of every joint."""
     return {
-        "base_link": [turned([0, 0, 0], [0, 0, 1], [(0, 0.075), (0.012, 0.075), (0.018, 0.072), (0.037, 0.072)]), rounded_box([-0.028, -0.092, 0.001], [0.028, 0, 0.036], 0.006)],
-        "shoulder_link_shell": [barrel([0, 0, -0.088], [0, 0, 0.07], 0.0752, 0.014), barrel([0, 0, 0], [0, 0.084, 0], 0.0745, 0.006)],
+        "base_link": [
+            turned([0, 0, 0], [0, 0, 1], [(0, 0.075), (0.012, 0.075), (0.018, 0.072), (0.037, 0.072)]),
+            rounded_box([-0.028, -0.092, 0.001], [0.028, 0, 0.036], 0.006),
+        ],
+        "shoulder_link_shell": [
+            barrel([0, 0, -0.088], [0, 0, 0.07], 0.0752, 0.014),
+            barrel([0, 0, 0], [0, 0.084, 0], 0.0745, 0.006),
+        ],
         "shoulder_link_cap": [barrel([0, 0, 0.055], [0, 0, 0.0878], 0.072, 0.015)],
         "upper_arm_link_shell": [
             barrel([0, -0.133, 0], [0, 0.022, 0], 0.0752, 0.012),
             barrel([0, -0.1035, 0.612], [0, -0.005, 0.612], 0.0622, 0.01),
         ],
         "upper_arm_link_tube": [barrel([0, -0.0445, 0.03], [0, -0.0445, 0.6], 0.0585, 0.003, waist=0.002)],
-        "upper_arm_link_cap": [barrel([0, 0.005, 0], [0, 0.042, 0], 0.072, 0.015), barrel([0, -0.02, 0.612], [0, 0.0154, 0.612], 0.0595, 0.013)],
+        "upper_arm_link_cap": [
+            barrel([0, 0.005, 0], [0, 0.042, 0], 0.072, 0.015),
+            barrel([0, -0.02, 0.612], [0, 0.0154, 0.612], 0.0595, 0.013),
+        ],
         "forearm_link_shell": [
             barrel([0, -0.05, 0], [0, 0.066, 0], 0.0601, 0.01),
             barrel([0, -0.038, 0.5723], [0, 0.0605, 0.5723], 0.047, 0.008),
         ],
-        "forearm_link_tube": [turned([0, 0, 0.02], [0, 0, 1], [(0, 0.047), (0.1, 0.0465), (0.53, 0.0425), (0.55, 0.0425)])],
-        "forearm_link_cap": [barrel([0, -0.0688, 0], [0, -0.035, 0], 0.0575, 0.013), barrel([0, -0.0548, 0.5723], [0, -0.025, 0.5723], 0.0445, 0.01)],
-        "wrist_1_link_shell": [barrel([0, 0.062, 0], [0, 0.115, 0], 0.0455, 0.004), barrel([0, 0.1149, -0.04], [0, 0.1149, 0.0612], 0.0458, 0.008)],
+        "forearm_link_tube": [
+            turned([0, 0, 0.02], [0, 0, 1], [(0, 0.047), (0.1, 0.0465), (0.53, 0.0425), (0.55, 0.0425)])
+        ],
+        "forearm_link_cap": [
+            barrel([0, -0.0688, 0], [0, -0.035, 0], 0.0575, 0.013),
+            barrel([0, -0.0548, 0.5723], [0, -0.025, 0.5723], 0.0445, 0.01),
+        ],
+        "wrist_1_link_shell": [
+            barrel([0, 0.062, 0], [0, 0.115, 0], 0.0455, 0.004),
+            barrel([0, 0.1149, -0.04], [0, 0.1149, 0.0612], 0.0458, 0.008),
+        ],
         "wrist_1_link_cap": [barrel([0, 0.1149, -0.0565], [0, 0.1149, -0.028], 0.0435, 0.01)],
-        "wrist_2_link_shell": [barrel([0, 0, 0.063], [0, 0, 0.115], 0.0455, 0.004), barrel([0, -0.04, 0.1157], [0, 0.0608, 0.1157], 0.0458, 0.008)],
+        "wrist_2_link_shell": [
+            barrel([0, 0, 0.063], [0, 0, 0.115], 0.0455, 0.004),
+            barrel([0, -0.04, 0.1157], [0, 0.0608, 0.1157], 0.0458, 0.008),
+        ],
         "wrist_2_link_cap": [barrel([0, -0.057, 0.1157], [0, -0.028, 0.1157], 0.0435, 0.01)],
-        "wrist_3_link": [turned([0, 0.0618, 0], [0, 1, 0], [(0, 0.045), (0.021, 0.045), (0.023, 0.042), (0.0302, 0.042), (0.0302, 0.0315)])],
+        "wrist_3_link": [
+            turned(
+                [0, 0.0618, 0],
+                [0, 1, 0],
+                [(0, 0.045), (0.021, 0.045), (0.023, 0.042), (0.0302, 0.042), (0.0302, 0.0315)],
+            )
+        ],
     }
 
 
-def iiwa14() -> dict[str, list[Mesh]]:
+def iiwa14() -> dict[str, list[trimesh.Trimesh]]:
     """White shells that swing from one side of the arm to the other; grey joint lids."""
     return {
         "base": [
-            turned([0, 0, 0], [0, 0, 1], [(0, 0.121), (0.018, 0.121), (0.024, 0.116), (0.06, 0.106), (0.1, 0.094), (0.135, 0.0865), (0.145, 0.0855)]),
+            turned(
+                [0, 0, 0],
+                [0, 0, 1],
+                [
+                    (0, 0.121),
+                    (0.018, 0.121),
+                    (0.024, 0.116),
+                    (0.06, 0.106),
+                    (0.1, 0.094),
+                    (0.135, 0.0865),
+                    (0.145, 0.0855),
+                ],
+            ),
             rounded_box([-0.135, -0.055, 0.012], [-0.03, 0.055, 0.11], 0.015),
         ],
         "link1": _shell_link(0.0855, 0.08, 0.2025, (-0.067, -0.112), 0.0852),
         "link1_lid": [disc([0, -0.1105, 0.2025], [0, -0.1155, 0.2025], 0.07)],
-        "link2": _housing_link(0.0855, (-0.0655, 0.1285), 0.0745, 0.196),
+        "link2": _housing_link(0.0855, (-0.0655, 0.1285), 0.0745, 0.068, 0.196),
         "link2_lid": [disc([0, 0, 0.127], [0, 0, 0.132], 0.07)],
         "link3": _shell_link(0.068, 0.075, 0.2155, (0.069, 0.111), 0.0678),
         "link3_lid": [disc([0, 0.1095, 0.2155], [0, 0.1144, 0.2155], 0.055)],
-        "link4": _housing_link(0.068, (-0.0675, 0.111), 0.0675, 0.176),
+        "link4": _housing_link(0.068, (-0.0675, 0.111), 0.0675, 0.067, 0.176),
         "link4_lid": [disc([0, 0, 0.1095], [0, 0, 0.1144], 0.055)],
         "link5": _shell_link(0.068, 0.06, 0.2155, (0.0685, 0.0955), 0.0513),
         "link5_lid": [disc([0, 0.094, 0.2155], [0, 0.0989, 0.2155], 0.041)],
         "link6": [
             barrel([0, 0, -0.066], [0, 0, 0.0665], 0.066, 0.022),
-            turned([0, -0.086, 0], [0, 1, 0], [(0, 0.012), (0.003, 0.026), (0.01, 0.04), (0.028, 0.057), (0.066, 0.065), (0.11, 0.061), (0.15, 0.052), (0.166, 0.0515)]),
+            turned(
+                [0, -0.086, 0],
+                [0, 1, 0],
+                [
+                    (0, 0.012),
+                    (0.003, 0.026),
+                    (0.01, 0.04),
+                    (0.028, 0.057),
+                    (0.066, 0.065),
+                    (0.11, 0.061),
+                    (0.15, 0.052),
+                    (0.166, 0.0502),
+                ],
+            ),
         ],
         "link6_lid": [disc([0, 0, -0.0645], [0, 0, -0.0705], 0.044)],
-        "link7": [turned([0, 0, 0], [0, 0, 1], [(-0.0005, 0.0515), (0.012, 0.0515), (0.016, 0.0495), (0.036, 0.0495), (0.038, 0.045), (0.045, 0.045), (0.045, 0.0315)])],
+        "link7": [
+            turned(
+                [0, 0, 0],
+                [0, 0, 1],
+                [
+                    (-0.0005, 0.0515),
+                    (0.012, 0.0515),
+                    (0.016, 0.0495),
+                    (0.036, 0.0495),
+                    (0.038, 0.045),
+                    (0.045, 0.045),
+                    (0.045, 0.0315),
+                ],
+            )
+        ],
     }
 
 
-def _shell_link(radius: float, rise: float, joint_z: float, shell_y: tuple[float, float], shell_radius: float) -> list[Mesh]:
+def _shell_link(
+    radius: float, rise: float, joint_z: float, shell_y: tuple[float, float], shell_radius: float
+) -> list[trimesh.Trimesh]:
     """An odd link: a column about z that bends sideways and ends as a lid-like shell beside the next joint."""
     inner, outer = shell_y
     middle, half = (inner + outer) / 2, abs(outer - inner) / 2
     bend = tube(
-        [(0, 0.004), (0, rise * 0.55), (0.38 * middle, rise + 0.015), (0.87 * middle, joint_z - 0.06), (middle, joint_z)],
-        [radius - 0.0005, radius - 0.001, 0.9 * radius, 0.96 * shell_radius, 0.97 * shell_radius],
-        [radius - 0.0005, radius - 0.001, 0.68 * radius, 1.05 * half, 0.9 * half],
+        [
+            (0, 0.004),
+            (0, rise * 0.35),
+            (0, rise * 0.6),
+            (0.38 * middle, rise + 0.015),
+            (0.87 * middle, joint_z - 0.06),
+            (middle, joint_z),
+        ],
+        [
+            radius - 0.0005,
+            radius - 0.0005,
+            radius - 0.001,
+            0.84 * radius,
+            0.8 * shell_radius,
+            0.9 * shell_radius,
+        ],
+        [radius - 0.0005, radius - 0.0005, radius - 0.001, 0.68 * radius, 1.05 * half, 0.9 * half],
     )
     return [bend, barrel([0, inner, joint_z], [0, outer, joint_z], shell_radius, 0.6 * half)]
 
 
-def _housing_link(radius: float, housing_z: tuple[float, float], column_radius: float, column_end: float) -> list[Mesh]:
+def _housing_link(
+    radius: float, housing_z: tuple[float, float], column_radius: float, end_radius: float, column_end: float
+) -> list[trimesh.Trimesh]:
     """An even link: a housing about z that narrows into a column along y."""
     low, high = housing_z
     centre = (low + high) / 2
     neck = tube(
-        [(0, centre), (0.3 * column_end, 0.75 * centre), (0.65 * column_end, 0.15 * centre), (column_end, 0)],
-        [0.95 * radius, 0.88 * radius, 0.98 * column_radius, column_radius],
-        [0.9 * (high - low) / 2, 0.85 * radius, 0.98 * column_radius, column_radius],
+        [
+            (0, centre),
+            (0.3 * column_end, 0.75 * centre),
+            (0.65 * column_end, 0.12 * centre),
+            (0.85 * column_end, 0),
+            (column_end, 0),
+        ],
+        [0.93 * radius, 0.84 * radius, 0.98 * column_radius, column_radius, end_radius],
+        [0.9 * (high - low) / 2, 0.85 * radius, 0.98 * column_radius, column_radius, end_radius],
     )
     return [barrel([0, 0, low], [0, 0, high], radius, 0.02), neck]
 
 
-def gripper() -> dict[str, list[Mesh]]:
+def gripper() -> dict[str, list[trimesh.Trimesh]]:
     """The palm of the parallel gripper."""
     return {
         "adapter": [barrel([0, 0, 0.0], [0, 0, 0.036], 0.0349, 0.003)],
@@ -258,7 +378,12 @@ def gripper() -> dict[str, list[Mesh]]:
 
 def main() -> None:
     MESHES.mkdir(exist_ok=True)
-    for robot, parts in {"sawyer": sawyer(), "ur10": ur10(), "iiwa14": iiwa14(), "gripper": gripper()}.items():
+    for robot, parts in {
+        "sawyer": sawyer(),
+        "ur10": ur10(),
+        "iiwa14": iiwa14(),
+        "gripper": gripper(),
+    }.items():
         for part, pieces in parts.items():
             trimesh.util.concatenate(pieces).export(MESHES / f"{robot}_{part}.stl")
     size = sum(path.stat().st_size for path in MESHES.glob("*.stl"))

@@ -22,7 +22,11 @@ ROBOTS = Path(__file__).resolve().parent
 PICTURE = ROBOTS.parents[1] / "docs" / "images" / "robots.png"
 ARMS = {"sawyer": "Sawyer, with the parallel gripper", "ur10": "UR10", "iiwa14": "LBR iiwa 14"}
 FLOOR = {"sawyer": -0.92, "ur10": 0.0, "iiwa14": 0.0}
-VIEWS = {"from the front": (-140.0, False), "from behind": (50.0, False), "collision geometry": (-140.0, True)}
+VIEWS = {
+    "from the front": (-140.0, False),
+    "from behind": (50.0, False),
+    "collision geometry": (-140.0, True),
+}
 TILE = (420, 480)  # width, height of one picture in pixels
 
 VISUAL_GROUP, COLLISION_GROUP = 2, 3
@@ -34,22 +38,37 @@ def studio(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
     if name == "sawyer":
         hand = mujoco.MjSpec.from_file(str(ROBOTS / "parallel_gripper.xml"))
         arm.attach(hand, site="right_hand", prefix="gripper/")
+        arm.compile()  # else MuJoCo warns that the keyframe of the arm may lose its prefix
     world = mujoco.MjSpec()
-    world.visual.headlight.ambient = [0.35] * 3
-    world.visual.headlight.diffuse = [0.45] * 3
+    world.visual.headlight.ambient = [0.45] * 3
+    world.visual.headlight.diffuse = [0.4] * 3
     world.visual.global_.offwidth, world.visual.global_.offheight = TILE
     world.visual.quality.shadowsize = 4096
-    white = dict(builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT, rgb1=[1, 1, 1], rgb2=[1, 1, 1], width=64, height=64)
-    world.add_texture(name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, **white)
+    plain = [0.86, 0.89, 0.92]
+    world.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+        rgb1=plain,
+        rgb2=plain,
+        width=64,
+        height=64,
+    )
     sun = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-    world.worldbody.add_light(type=sun, pos=[0.6, -0.8, 3], dir=[-0.6, 0.8, -3], diffuse=[0.45] * 3, castshadow=True)
+    world.worldbody.add_light(
+        type=sun, pos=[0.6, -0.8, 3], dir=[-0.6, 0.8, -3], diffuse=[0.35] * 3, castshadow=True
+    )
     world.worldbody.add_light(type=sun, pos=[-2, 2, 3], dir=[2, -2, -3], diffuse=[0.2] * 3, castshadow=False)
     plane = mujoco.mjtGeom.mjGEOM_PLANE
-    world.worldbody.add_geom(type=plane, size=[20, 20, 0.1], pos=[0, 0, FLOOR[name] - 0.001], rgba=[0.97, 0.97, 0.97, 1])
+    world.worldbody.add_geom(
+        type=plane, size=[20, 20, 0.1], pos=[0, 0, FLOOR[name] - 0.001], rgba=[0.8, 0.82, 0.85, 1]
+    )
     world.worldbody.add_site(name="mount")
     world.attach(arm, site="mount", prefix=f"{name}/")
     model = world.compile()
-    model.geom_size[model.geom_group == COLLISION_GROUP] += 0.002  # for the eye: not in one plane with the visuals
+    model.geom_size[model.geom_group == COLLISION_GROUP] += (
+        0.002  # for the eye: not in one plane with the visuals
+    )
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_forward(model, data)
@@ -77,7 +96,7 @@ def picture(name: str, azimuth: float, collision: bool) -> NDArray[np.uint8]:
     option.geomgroup[COLLISION_GROUP] = collision
     with mujoco.Renderer(model, height=TILE[1], width=TILE[0]) as renderer:
         renderer.update_scene(data, camera, option)
-        return renderer.render()
+        return np.asarray(renderer.render())
 
 
 def contact_sheet(path: Path) -> None:

@@ -14,7 +14,6 @@ def run(job: Job) -> None:
     scene, task = job.scene, job.scene.task
     arm, mug, speed = scene.robot(), task["object"], task["max_tool_speed"]
     approach, grasp, lift, retreat = (scene.goal(name).pose for name in task["path"])
-    home = arm.robot.fk(arm.start)
 
     with job.phase("planning"):
         # The mug is about to be grasped: the fingers may come near it, so it counts as free space.
@@ -22,12 +21,13 @@ def run(job: Job) -> None:
         goal = job.solve(shelf.problem(grasp), "grasp configuration")
         shelf = shelf.with_free_space_around([goal.unwrap()])
         job.log_world(shelf)
-        into_shelf = [*line(home, approach), *line(approach, grasp)[1:]]
-        reach = job.follow(shelf, into_shelf, arm.start, LIMITS, "way into the shelf")
+        reach = job.reach(shelf, arm.start, line(approach, grasp), LIMITS, "way into the shelf")
 
         # From here on the mug is part of the robot; until it is lifted it may touch what it stands on.
         carried = (mug, grasp.inverse() @ scene.object_pose(mug))
-        standing = PlanningWorld.of(scene, attached=carried, supports=task["supports"], towards=[reach.end], seed=job.seed)
+        standing = PlanningWorld.of(
+            scene, attached=carried, supports=task["supports"], towards=[reach.end], seed=job.seed
+        )
         up = job.follow(standing, line(grasp, lift, 0.01), reach.end, LIMITS, "way off the board")
         hanging = PlanningWorld.of(scene, attached=carried, towards=[up.end], seed=job.seed)
         out = job.follow(hanging, line(lift, retreat), up.end, LIMITS, "way out with the mug")

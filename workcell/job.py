@@ -16,8 +16,9 @@ from workcell.ik.result import IKResult, Status
 from workcell.ik.solve import solve
 from workcell.model.data import find_task
 from workcell.model.scene import Scene
-from workcell.motion.follow import FollowLimits, follow, step_solver
+from workcell.motion.follow import FollowLimits, follow, path_metrics, step_solver
 from workcell.motion.path import Path
+from workcell.motion.reach import reach
 from workcell.motion.world import PlanningWorld
 from workcell.pose import Array, Pose
 from workcell.record.recording import Recording
@@ -89,20 +90,38 @@ class Job:
         self.say(f"{what}: verified, {1e3 * result.clearance.distance:.0f} mm clear ({first} to {second})")
         return result
 
-    def follow(self, world: PlanningWorld, poses: Sequence[Pose], q_start: Array, limits: FollowLimits, what: str) -> Path:
+    def follow(
+        self, world: PlanningWorld, poses: Sequence[Pose], q_start: Array, limits: FollowLimits, what: str
+    ) -> Path:
         """A continuous joint path along tool poses; without one the task ends with the reason and the place."""
         solver = step_solver(self.planner, seed=self.seed)
         result = follow(world.problem(poses[0]), poses, q_start, limits=limits, solver=solver)
-        if result.path is None or result.metrics is None or not result.followed:
+        if result.path is None or not result.followed:
             failure = result.failure
-            where = "" if failure is None else f" at pose {failure.waypoint} of {len(poses)}: {failure.detail}"
+            where = (
+                "" if failure is None else f" at pose {failure.waypoint} of {len(poses)}: {failure.detail}"
+            )
             self.fail(result.status.value, f"{what}{where}. {result.status.sentence}")
-        metrics = result.metrics
+        self._tell_path(world, result.path, what)
+        return result.path
+
+    def reach(
+        self, world: PlanningWorld, q_start: Array, inward: Sequence[Pose], limits: FollowLimits, what: str
+    ) -> Path:
+        """A continuous path from where the robot stands along tool poses; without one the task ends with the reason."""
+        result = reach(world, q_start, inward, limits=limits, solver=self.planner, seed=self.seed)
+        if result.path is None:
+            status = "NOT_FOUND" if result.ik is None or result.ik.solved else result.ik.status.value
+            self.fail(status, f"{what}: {'; '.join(result.failures)}")
+        self._tell_path(world, result.path, f"{what} ({result.how})")
+        return result.path
+
+    def _tell_path(self, world: PlanningWorld, path: Path, what: str) -> None:
+        metrics = path_metrics(path, world.clearance, world.cover)
         self.say(
             f"{what}: {metrics.waypoints} waypoints, largest step {metrics.largest_step:.3f} rad, "
-            f"at least {1e3 * metrics.clearance_between:.0f} mm clear between waypoints too"
+            f"proved at least {1e3 * metrics.clearance_between:.0f} mm clear all along"
         )
-        return result.path
 
     def log_world(self, world: PlanningWorld) -> None:
         """Sphere cover and free space into the recording, their numbers into the story."""
@@ -147,7 +166,9 @@ class Job:
             unintended_contacts=len(execution.contacts),
         )
         if execution.stop is not None:
-            self.fail(execution.stop.reason.value, f"{execution.stop.reason.sentence} {execution.stop.detail}")
+            self.fail(
+                execution.stop.reason.value, f"{execution.stop.reason.sentence} {execution.stop.detail}"
+            )
         checks = {
             "no unintended contact": not execution.contacts,
             "clearance never below zero": execution.min_clearance >= 0.0,

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from workcell.errors import InputError, ModelError
+from workcell.errors import InputError, ModelError, UnknownNameError
 from workcell.model.contact import CollisionModel
 from workcell.model.scene import Scene, SceneObject
 from workcell.motion.path import Trajectory, stationary
@@ -99,6 +99,7 @@ class Simulation:
             self._data.ctrl[self._hand.actuator] = self._hand.open
         self._site = self._tool_site()
         self._held: _Held | None = None
+        self._expected: set[tuple[int, int]] = set()
         self._collision = CollisionModel(scene, self.robot.name)
         self._reference = np.array(self.robot.start)
         self._on_chunk = on_chunk
@@ -246,9 +247,7 @@ class Simulation:
             return False
         self.log(f"closing the gripper on the {name}")
         mine = self._rules.geoms(thing.body_ids)
-        self._rules.intend(self._rules.geoms(hand.bodies), mine)
-        grip = [(self._name(a), self._name(b)) for a in hand.bodies for b in thing.body_ids]
-        self._collision = CollisionModel(self.scene, self.robot.name, qpos=self.qpos, allowed=grip)
+        self._expect(self._rules.geoms(hand.bodies), mine)
         if not (self.move_gripper(0.0) and self._wait_for_grip(hand, mine)):
             return False
         supports = self._rules.touched_by(self._data, mine)
@@ -256,22 +255,36 @@ class Simulation:
         self._controller.carry(weld.hand_body, thing.body_ids, self._data)
         T_tool_object = self._tool_pose().inverse() @ self.object_pose(name)
         self._rules.watch(thing, carried=True)
-        self._rules.intend(mine, supports)
         self._held = _Held(thing, weld, T_hand_object, T_tool_object, supports)
-        self._watch_held()
+        self._expect(mine, supports)
         self.log(f"the {name} is held by both fingers")
         return True
 
+    def expect_contact(self, name: str, body: str) -> None:
+        """Contact between an object and a body of the scene is intended from now on, e.g. to put it down there.
+
+        Raises:
+            UnknownNameError: no such object or body.
+        """
+        names = [self._model.body(b).name for b in range(self._model.nbody)]
+        if body not in names:
+            raise UnknownNameError("body", body, names, where=self.scene.path)
+        mine = self._rules.geoms(self.scene.object(name).body_ids)
+        self._expect(mine, self._rules.geoms([names.index(body)]))
+
     def release(self) -> bool:
-        """Let go of the object and open the gripper."""
+        """Let go of the object and open the gripper; the open hand may still touch it.
+
+        Raises:
+            InputError: the hand holds nothing.
+        """
         if self._held is None:
             raise InputError("the hand holds nothing", where="release")
         held, self._held = self._held, None
         held.weld.release(self._data)
         self._controller.drop(held.weld.hand_body)
         self._rules.watch(held.thing, carried=False)
-        grip = [(self._name(a), self._name(b)) for a in self._gripper().bodies for b in held.thing.body_ids]
-        self._collision = CollisionModel(self.scene, self.robot.name, qpos=self.qpos, allowed=grip)
+        self._refresh_collision()
         self.log(f"released the {held.thing.name}")
         return self.move_gripper(1.0)
 
@@ -365,16 +378,22 @@ class Simulation:
         self.flush()
         return False
 
-    def _watch_held(self) -> None:
+    def _expect(self, first: Iterable[int], second: Iterable[int], expected: bool = True) -> None:
+        """Say whether contact between two sets of geoms is intended, to the guard and to the clearance alike."""
+        a, b = [int(g) for g in first], [int(g) for g in second]
+        self._rules.intend(a, b, expected)
+        pairs = {(x, y) for x in a for y in b}
+        self._expected = self._expected | pairs if expected else self._expected - pairs
+        self._refresh_collision()
+
+    def _refresh_collision(self) -> None:
         held = self._held
-        assert held is not None
-        standing = [(int(a), b) for a in self._rules.geoms(held.thing.body_ids) for b in held.supports]
         self._collision = CollisionModel(
             self.scene,
             self.robot.name,
             qpos=self.qpos,
-            attached=(held.thing.name, held.T_tool_object),
-            allowed_geoms=standing,
+            attached=None if held is None else (held.thing.name, held.T_tool_object),
+            allowed_geoms=self._expected,
         )
 
     def _check_lifted(self, qpos: Array) -> None:
@@ -389,9 +408,8 @@ class Simulation:
             for b in held.supports
         )
         if gap > _LIFTED:
-            self._rules.intend(mine, held.supports, intended=False)
-            self._held = _Held(held.thing, held.weld, held.T_hand_object, held.T_tool_object, frozenset())
-            self._watch_held()
+            self._held = replace(held, supports=frozenset())
+            self._expect(mine, held.supports, expected=False)
             self.log(f"the {held.thing.name} is clear of what it stood on")
 
     def _tool_matrix(self) -> Array:
@@ -402,6 +420,3 @@ class Simulation:
 
     def _tool_pose(self) -> Pose:
         return Pose.from_matrix(self._tool_matrix())
-
-    def _name(self, body: int) -> str:
-        return str(self._model.body(body).name)

@@ -1,0 +1,69 @@
+"""Paths and trajectories: shapes, joining, halfway deviation in closed form."""
+
+import numpy as np
+import pytest
+
+from workcell.errors import InputError
+from workcell.motion.path import Path, Trajectory, join, stationary
+from workcell.pose import Pose
+
+
+def test_halfway_deviation_of_one_joint_is_the_sagitta(planar):
+    """Turning the outstretched arm by 2a: the arc's middle is R (1 - cos a) off the chord's."""
+    a, reach = 0.1, 1.2
+    path = Path(planar, np.array([[-a, 0, 0], [a, 0, 0]]))
+    metres, radians = path.tool_deviation()
+    assert metres[0] == pytest.approx(reach * (1 - np.cos(a)), abs=1e-12)
+    assert radians[0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_deviation_is_measured_against_the_poses_that_were_asked_for(planar):
+    q = np.array([[-0.1, 0, 0], [0.1, 0, 0]])
+    asked = tuple(planar.fk(row) @ Pose.from_xyz([0.01, 0, 0]) for row in q)
+    with_poses = Path(planar, q, asked).tool_deviation()[0][0]
+    assert with_poses == pytest.approx(abs(1.2 * (1 - np.cos(0.1)) - 0.01 * np.cos(0.1)), abs=1e-12)
+
+
+def test_interpolation_and_steps(planar):
+    path = Path(planar, np.array([[0, 0, 0], [0.1, -0.3, 0], [0.2, 0, 0]]))
+    assert path.largest_step == pytest.approx(0.3)
+    assert np.allclose(path.at([0.5, 2.0, 9.0]), [[0.05, -0.15, 0], [0.2, 0, 0], [0.2, 0, 0]])
+    assert np.allclose(path.reversed().configurations, path.configurations[::-1])
+
+
+def test_joining_paths(planar):
+    a = Path(planar, np.array([[0, 0, 0], [0.1, 0, 0.0]]))
+    b = Path(planar, np.array([[0.1, 0, 0], [0.2, 0, 0.0]]))
+    assert np.allclose(join([a, b]).configurations[:, 0], [0, 0.1, 0.2])
+    with pytest.raises(InputError, match="begins"):
+        join([b, a])
+    with pytest.raises(InputError, match="no path"):
+        join([])
+
+
+@pytest.mark.parametrize(
+    ("configurations", "message"),
+    [
+        (np.zeros((1, 3)), "two or more"),
+        (np.zeros((2, 4)), "two or more"),
+        (np.full((2, 3), np.nan), "finite"),
+        (np.array([[0, 0, 0], [0, 4, 0]]), "j1 = 4.0000 outside"),
+    ],
+)
+def test_bad_paths_are_refused(planar, configurations, message):
+    with pytest.raises(InputError, match=message):
+        Path(planar, configurations)
+
+
+def test_configurations_are_read_only(planar):
+    with pytest.raises(ValueError, match="read-only"):
+        Path(planar, np.zeros((2, 3))).configurations[0, 0] = 1.0
+
+
+def test_trajectories_are_evenly_sampled():
+    zero = np.zeros((3, 2))
+    with pytest.raises(InputError, match="equal"):
+        Trajectory("arm", np.array([0, 0.1, 0.3]), zero, zero, zero)
+    still = stationary("arm", [1.0, 2.0], 0.1)
+    assert still.duration == pytest.approx(0.1) and still.dt == pytest.approx(0.002)
+    assert np.all(still.q == [1.0, 2.0]) and not still.qd.any()

@@ -1,0 +1,128 @@
+"""Retiming: closed forms, limits on a dense evaluation by finite differences, rest at both ends."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from workcell.errors import InputError
+from workcell.motion.path import Path
+from workcell.motion.retime import limit_use, retime
+
+
+def line(robot, delta):
+    return Path(robot, np.stack([np.zeros(robot.dof), np.asarray(delta, dtype=float)]))
+
+
+def derivatives(trajectory):
+    """Velocity and acceleration by central differences of the positions alone."""
+    q, h = trajectory.q, trajectory.dt
+    return (q[2:] - q[:-2]) / (2 * h), (q[2:] - 2 * q[1:-1] + q[:-2]) / h**2
+
+
+def assert_smooth_and_within(trajectory, velocity, acceleration):
+    use = limit_use(trajectory, velocity, acceleration)
+    assert use.kept
+    qd, qdd = derivatives(trajectory)
+    assert np.all(np.abs(qd) <= np.asarray(velocity) * (1 + 1e-6) + 1e-9)
+    assert np.all(np.abs(qdd) <= np.asarray(acceleration) * (1 + 1e-3) + 1e-6)
+    assert np.allclose(trajectory.qd[1:-1], qd, atol=np.max(acceleration) * trajectory.dt)
+    assert np.abs(trajectory.qd[[0, -1]]).max() < 1e-9
+    assert np.abs(trajectory.qdd[[0, -1]]).max() < 1e-6
+
+
+@pytest.mark.parametrize("distance", [0.02, 0.5, 2.0])
+def test_a_straight_line_takes_the_trapezoid_time_plus_the_smoothing(planar, distance):
+    v, a, w = 1.0, 4.0, 0.06
+    trajectory = retime(line(planar, [distance, 0, 0]), v, a, smoothing_s=w)
+    optimal = distance / v + v / a if distance > v * v / a else 2 * np.sqrt(distance / a)
+    assert optimal <= trajectory.duration <= 1.01 * (optimal + w) + 0.004
+    assert_smooth_and_within(trajectory, v, a)
+    assert np.allclose(trajectory.q[-1], [distance, 0, 0], atol=1e-12)
+
+
+def test_the_slowest_joint_sets_the_pace(planar):
+    v, a = np.array([2.0, 0.5, 2.0]), np.array([8.0, 8.0, 8.0])
+    trajectory = retime(line(planar, [1.0, 1.0, 0.3]), v, a)
+    use = limit_use(trajectory, v, a)
+    assert use.velocity[1] > 0.99 and use.velocity[0] == pytest.approx(0.25 * use.velocity[1])
+    ratio = trajectory.q[:, 2] - 0.3 * trajectory.q[:, 0]
+    assert np.abs(ratio).max() < 1e-9  # a straight line stays one
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_limits_hold_on_random_paths(arm7, seed):
+    rng = np.random.default_rng(seed)
+    path = Path(arm7, rng.uniform(-1, 1, (rng.integers(2, 6), 7)))
+    v, a = rng.uniform(0.5, 3, 7), rng.uniform(1, 10, 7)
+    trajectory = retime(path, v, a, grid=150)
+    assert_smooth_and_within(trajectory, v, a)
+    assert np.allclose(trajectory.q[[0, -1]], path.configurations[[0, -1]], atol=1e-9)
+
+
+def test_the_motion_passes_the_waypoints_and_stays_near_the_straight_lines(planar):
+    corners = np.array([[0, 0, 0], [0.6, 0, 0], [0.6, 0.6, 0], [0, 0.6, 0.6]], dtype=float)
+    path = Path(planar, corners)
+    trajectory = retime(path, 1.0, 5.0)
+    straight = path.at(np.linspace(0, 3, 3001))
+    off = [np.abs(straight - q).max(axis=1).min() for q in trajectory.q]
+    assert max(off) < 4e-3
+    for corner in corners:
+        assert np.abs(trajectory.q - corner).max(axis=1).min() < 2e-3
+
+
+def test_a_motion_that_turns_back_on_itself_stops_there(planar):
+    path = Path(planar, np.array([[0, 0, 0], [0.5, 0.2, 0], [0, 0, 0]], dtype=float))
+    trajectory = retime(path, 1.0, 5.0)
+    assert_smooth_and_within(trajectory, np.ones(3), np.full(3, 5.0))
+    assert trajectory.q[:, 0].max() == pytest.approx(0.5, abs=2e-3)
+
+
+def test_a_tool_path_is_splined_without_corners(planar):
+    t = np.linspace(0, 1, 21)[:, None]
+    q = np.hstack([np.sin(t), np.cos(t) - 1, 0.5 * t])
+    poses = tuple(planar.fk(row) for row in q)
+    trajectory = retime(Path(planar, q, poses), 1.0, 5.0)
+    s = trajectory.q[:, 2] / 0.5
+    assert np.abs(trajectory.q[:, 0] - np.sin(s)).max() < 2e-3
+    assert_smooth_and_within(trajectory, np.ones(3), np.full(3, 5.0))
+
+
+def test_the_tool_keeps_its_speed_limit(planar):
+    trajectory = retime(line(planar, [0.5, 0.5, 0.5]), 2.0, 8.0, tool_speed=0.2)
+    positions = planar.fk_transform(trajectory.q)[:, :3, 3]
+    speed = np.linalg.norm(np.diff(positions, axis=0), axis=1) / trajectory.dt
+    assert speed.max() <= 0.2 * (1 + 1e-6)
+    assert speed.max() > 0.19
+
+
+def test_repeated_waypoints_do_no_harm(planar):
+    q = np.array([[0, 0, 0], [0, 0, 0], [0.3, 0, 0], [0.3, 0, 0]], dtype=float)
+    assert retime(Path(planar, q), 1.0, 5.0).duration == pytest.approx(
+        retime(Path(planar, q[1:3]), 1.0, 5.0).duration
+    )
+
+
+@pytest.mark.parametrize(
+    ("velocity", "acceleration", "message"),
+    [
+        (0.0, 1.0, "velocity limit of j0 is 0.0"),
+        (1.0, -1.0, "acceleration"),
+        (1.0, np.inf, "inf"),
+        (np.nan, 1.0, "nan"),
+    ],
+)
+def test_limits_that_make_no_sense(planar, velocity, acceleration, message):
+    with pytest.raises(InputError, match=message):
+        retime(line(planar, [1, 0, 0]), velocity, acceleration)
+
+
+def test_a_path_that_stands_still(planar):
+    with pytest.raises(InputError, match="does not move"):
+        retime(Path(planar, np.zeros((3, 3))), 1.0, 1.0)
+
+
+def test_unknown_acceleration_must_be_given(planar):
+    with pytest.raises(InputError, match="pass positive, finite limits"):
+        retime(line(planar, [1, 0, 0]))

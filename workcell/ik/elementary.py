@@ -6,6 +6,8 @@ that it covers and the hint (points on the joint axes) that makes the bound tigh
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,8 +24,12 @@ ROUNDING = 1e-9
 """Metres kept back for rounding in the bounds."""
 
 
+WORTHWHILE = 0.5
+"""Share of the chain's plain length beyond which a target is far enough to look for a tighter bound."""
+
+
 def prove_impossible(problem: IKProblem) -> Certificate | None:
-    """A certificate by one of the elementary bounds, or None; costs less than a millisecond."""
+    """A certificate by one of the elementary bounds, or None; costs well below a millisecond."""
     return _prove_reach(problem) or _prove_last_link(problem)
 
 
@@ -35,7 +41,7 @@ def check_reach(problem: IKProblem, certificate: Certificate) -> str | None:
         return refusal
     if slides is None or slides.shape != (problem.robot.dof,) or not np.all(np.isfinite(slides)):
         return "the points on the joint axes are missing or malformed"
-    if reach_margin(problem, covered, slides) <= 0:
+    if ReachBound.of(problem).margin(covered, slides) <= 0:
         return "the distance to the target lies within the chain's reach"
     return None
 
@@ -55,53 +61,101 @@ def check_last_link(problem: IKProblem, certificate: Certificate) -> str | None:
     return None
 
 
-def reach_margin(problem: IKProblem, covered: Array, slides: Array) -> float:
-    """Metres by which the target lies beyond the chain's reach, or nearer than its shortest extent; negative: neither.
+@dataclass(frozen=True, slots=True)
+class ReachBound:
+    """The triangle inequality along points on the joint axes.
 
     On each joint axis k stands the point `slides[k]` along it. Neighbours keep their distance (both are fixed to the
     link between them), the first is fixed to the base and the last to the tool, so that the sum of those distances
     bounds the distance of the ends. A prismatic joint adds its travel.
+
+    Attributes:
+        axis, along: (n, 3) each joint's axis in its own link, and in the link before.
+        offset: (n - 1, 3) joint origins 2 ... n in the link before.
+        first, last: (2, 3) world points of the first and of the last axis: origin, direction. The last at the target.
+        in_tool: (2, 3) the last axis in the tool frame.
+        travel: metres that prismatic joints add.
     """
-    first, last, offset = _ends(problem, slides)
-    lengths = np.linalg.norm(_spans(problem, slides), axis=1)
-    robot = problem.robot
-    travel = np.where(robot.prismatic, np.maximum(np.abs(robot.lower), np.abs(robot.upper)), 0.0)
-    moved = covered[0] + covered[1] * offset + ROUNDING
-    distance = float(np.linalg.norm(last - first))
-    total = float(lengths.sum() + travel.sum())
-    too_far = distance - moved - total
-    longest = float(lengths.max(initial=0.0))
-    too_near = longest - (total - longest) - distance - moved
-    return float(max(too_far, too_near))
 
+    axis: Array
+    along: Array
+    offset: Array
+    first: Array
+    last: Array
+    in_tool: Array
+    travel: float
 
-def _ends(problem: IKProblem, slides: Array) -> tuple[Array, Array, float]:
-    """World positions (3,) of the first axis point and of the last one at the target; its distance to the tool point."""
-    robot, tool = problem.robot, problem.robot.tool()
-    in_base = robot.joint_xyz[0] + robot.joint_rotation[0] @ robot.axis[0] * slides[0]
-    in_tool = tool.T_link_tool.inverse().apply(robot.axis[-1] * slides[-1])
-    return (
-        robot.T_world_base.apply(in_base),
-        problem.target.apply(in_tool),
-        float(np.linalg.norm(in_tool)),
-    )
+    @staticmethod
+    def of(problem: IKProblem) -> ReachBound:
+        """The bound's numbers for a problem."""
+        robot, tool = problem.robot, problem.robot.tool()
+        along = (robot.joint_rotation @ robot.axis[:, :, None])[..., 0]
+        base, target, to_link = (
+            robot.T_world_base.rotation,
+            problem.target.rotation,
+            tool.T_link_tool.rotation,
+        )
+        in_tool = np.stack([-tool.T_link_tool.position, robot.axis[-1]]) @ to_link
+        origin = base @ robot.joint_xyz[0] + robot.T_world_base.position
+        last = in_tool @ target.T
+        last[0] += problem.target.position
+        travel = np.where(robot.prismatic, np.maximum(np.abs(robot.lower), np.abs(robot.upper)), 0.0).sum()
+        first = np.stack([origin, base @ along[0]])
+        return ReachBound(robot.axis, along, robot.joint_xyz[1:], first, last, in_tool, float(travel))
 
+    def spans(self, slides: Array) -> Array:
+        """(n - 1, 3) from each axis point to the next one, in the link between them."""
+        spans: Array = self.offset + self.along[1:] * slides[1:, None] - self.axis[:-1] * slides[:-1, None]
+        return spans
 
-def _spans(problem: IKProblem, slides: Array) -> Array:
-    """(n - 1, 3) from each axis point to the next one, in the link between them."""
-    robot = problem.robot
-    along = np.einsum("kij,kj->ki", robot.joint_rotation, robot.axis)
-    spans: Array = robot.joint_xyz[1:] + along[1:] * slides[1:, None] - robot.axis[:-1] * slides[:-1, None]
-    return spans
+    def ends(self, slides: Array) -> Array:
+        """(3,) from the first axis point to the last one at the target."""
+        between: Array = self.last[0] + slides[-1] * self.last[1] - self.first[0] - slides[0] * self.first[1]
+        return between
+
+    def margin(self, covered: Array, slides: Array) -> float:
+        """Metres by which the target lies beyond the chain's reach, or nearer than its shortest extent; else negative."""
+        lengths = np.sqrt((self.spans(slides) ** 2).sum(axis=1))
+        lever = float(np.linalg.norm(self.in_tool[0] + slides[-1] * self.in_tool[1]))
+        moved = covered[0] + covered[1] * lever + ROUNDING
+        distance = float(np.linalg.norm(self.ends(slides)))
+        total, longest = float(lengths.sum()) + self.travel, float(lengths.max(initial=0.0))
+        too_far = distance - moved - total
+        too_near = longest - (total - longest) - distance - moved
+        return float(max(too_far, too_near))
+
+    def tight_slides(self, iterations: int = 8) -> Array:
+        """Points that make `distance - sum of lengths` large: its lengths majorised by quadratics (Weiszfeld), its
+        distance by its tangent, which never lowers it."""
+        n = len(self.axis)
+        slides, pairs = np.zeros(n), np.stack([-self.axis[:-1], self.along[1:]], axis=2)
+        squares = np.swapaxes(pairs, 1, 2) @ pairs
+        loads = (np.swapaxes(pairs, 1, 2) @ self.offset[..., None])[..., 0]
+        for _ in range(iterations):
+            weights = 1.0 / np.maximum(np.linalg.norm(self.spans(slides), axis=1), 1e-6)
+            between = self.ends(slides)
+            direction = between / max(float(np.linalg.norm(between)), 1e-12)
+            H, g = 1e-9 * np.eye(n), np.zeros(n)
+            for k in range(n - 1):
+                H[k : k + 2, k : k + 2] += weights[k] * squares[k]
+                g[k : k + 2] -= weights[k] * loads[k]
+            g[0] -= direction @ self.first[1]
+            g[-1] += direction @ self.last[1]
+            slides = np.clip(np.linalg.solve(H, g), -3.0, 3.0)
+        return slides
 
 
 def _prove_reach(problem: IKProblem) -> Certificate | None:
-    tolerances = _tolerances(problem)
+    wide, asked = _tolerances(problem)
+    bound = ReachBound.of(problem)
     slides = np.zeros(problem.robot.dof)
-    if reach_margin(problem, tolerances[-1], slides) <= 0:
-        slides = _tight_slides(problem)
-    for covered in tolerances:
-        margin = reach_margin(problem, covered, slides)
+    if bound.margin(wide, slides) <= 0:
+        plain = float(np.linalg.norm(bound.offset, axis=1).sum()) + bound.travel
+        if float(np.linalg.norm(bound.ends(slides))) < WORTHWHILE * plain:
+            return None
+        slides = bound.tight_slides()
+    for covered in (wide, asked):
+        margin = bound.margin(covered, slides)
         if margin > 0:
             statement = (
                 f"the target is {1e3 * margin:.1f} mm out of reach by the triangle inequality along the chain, "
@@ -110,30 +164,6 @@ def _prove_reach(problem: IKProblem) -> Certificate | None:
             data = {"tolerances": covered, "slides": slides}
             return Certificate("reach", "kinematics", statement, margin, problem_hash(problem), data)
     return None
-
-
-def _tight_slides(problem: IKProblem, iterations: int = 12) -> Array:
-    """Points on the axes that make `distance - sum of lengths` large: its lengths majorised by quadratics (Weiszfeld),
-    its distance by its tangent, which never lowers it."""
-    robot, n = problem.robot, problem.robot.dof
-    slides = np.zeros(n)
-    along = np.einsum("kij,kj->ki", robot.joint_rotation, robot.axis)
-    first_axis = robot.T_world_base.rotation @ along[0]
-    tool = robot.tool()
-    last_axis = problem.target.rotation @ (tool.T_link_tool.rotation.T @ robot.axis[-1])
-    for _ in range(iterations):
-        weights = 1.0 / np.maximum(np.linalg.norm(_spans(problem, slides), axis=1), 1e-6)
-        first, last, _ = _ends(problem, slides)
-        direction = (last - first) / max(float(np.linalg.norm(last - first)), 1e-12)
-        H, g = 1e-9 * np.eye(n), np.zeros(n)
-        for k in range(n - 1):
-            A = np.stack([-robot.axis[k], along[k + 1]], axis=1)
-            H[k : k + 2, k : k + 2] += weights[k] * A.T @ A
-            g[k : k + 2] -= weights[k] * A.T @ robot.joint_xyz[k + 1]
-        g[0] -= direction @ first_axis
-        g[-1] += direction @ last_axis
-        slides = np.clip(np.linalg.solve(H, g), -3.0, 3.0)
-    return slides
 
 
 def _prove_last_link(problem: IKProblem) -> Certificate | None:
@@ -155,38 +185,37 @@ def _prove_last_link(problem: IKProblem) -> Certificate | None:
 def _deepest(problem: IKProblem, covered: Array) -> tuple[float, int, int]:
     """(metres beyond what the tolerances can undo, sphere, piece) of the worst sphere that the target alone places."""
     assert problem.cover is not None
-    chosen, centres, wander = _placed_spheres(problem, covered)
+    chosen, in_tool, stray = _placed_spheres(problem)
     if len(chosen) == 0:
         return -np.inf, -1, -1
+    wander = stray + covered[0] + covered[1] * np.linalg.norm(in_tool, axis=1)
+    centres = in_tool @ problem.target.rotation.T + problem.target.position
     gaps = ExactDistances(problem.obstacles)(centres) - problem.cover.radius[chosen, None] + wander[:, None]
     row, piece = divmod(int(np.argmin(gaps)), gaps.shape[1])
     wanted = problem.tolerances.safety_margin - covered[2]
     return float(wanted - ROUNDING - gaps[row, piece]), int(chosen[row]), piece
 
 
-def _placed_spheres(problem: IKProblem, covered: Array) -> tuple[NDArray[np.int64], Array, Array]:
-    """Spheres whose place follows from the target: indices (s,), world points (s, 3), and how far the centres may stray.
+def _placed_spheres(problem: IKProblem) -> tuple[NDArray[np.int64], Array, Array]:
+    """Spheres whose place follows from the target: indices (s,), points in the tool frame (s, 3), and how far the
+    centres stray from them.
 
-    The tool's link is placed up to the tolerances. A sphere of the link before it circles the last axis: it
-    strays from its foot on that axis by its distance to it.
+    The tool's link has its place. A sphere of the link before it circles the last axis: it strays from its foot on that
+    axis by its distance to it.
     """
     robot, cover = problem.robot, problem.cover
     assert cover is not None
     tool = robot.tool()
-    T_tool_link = tool.T_link_tool.inverse()
     own = np.flatnonzero(cover.link == tool.link)
-    in_tool = T_tool_link.apply(cover.centre[own])
-    stray = np.zeros(len(own))
+    points, stray = cover.centre[own], np.zeros(len(own))
     if not robot.prismatic[-1]:
-        before = np.flatnonzero(cover.link == tool.link - 1) if tool.link > 0 else np.zeros(0, dtype=np.int64)
+        before = np.flatnonzero(cover.link == tool.link - 1)
         along = robot.joint_rotation[-1] @ robot.axis[-1]
         from_axis = cover.centre[before] - robot.joint_xyz[-1]
         height = from_axis @ along
         stray = np.append(stray, np.linalg.norm(from_axis - height[:, None] * along, axis=1))
-        feet = T_tool_link.apply(robot.axis[-1] * height[:, None])
-        own, in_tool = np.append(own, before), np.vstack([in_tool, feet])
-    wander = stray + covered[0] + covered[1] * np.linalg.norm(in_tool, axis=1)
-    return own, problem.target.apply(in_tool), wander
+        own, points = np.append(own, before), np.vstack([points, height[:, None] * robot.axis[-1]])
+    return own, (points - tool.T_link_tool.position) @ tool.T_link_tool.rotation, stray
 
 
 def _collision_scope(problem: IKProblem) -> Scope:

@@ -71,6 +71,8 @@ def studio(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
     )
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
+    sliding = model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
+    data.qpos[model.jnt_qposadr[sliding]] = model.jnt_range[sliding, 1]  # the fingers, open
     mujoco.mj_forward(model, data)
     return model, data
 

@@ -1,5 +1,7 @@
 """Following a tool path: continuity, refinement, and failures that say where and why."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -31,7 +33,7 @@ def test_line_spacing_and_ends():
     a = Pose.identity()
     b = Pose([0.1, 0, 0], [np.cos(0.5), np.sin(0.5), 0, 0])
     poses = line(a, b, spacing=0.03, spacing_rad=0.2)
-    steps = [p.error_to(q) for p, q in zip(poses, poses[1:], strict=False)]
+    steps = [p.error_to(q) for p, q in pairwise(poses)]
     assert poses[0] is a and poses[-1] is b
     assert max(s[0] for s in steps) <= 0.03 + 1e-12 and max(s[1] for s in steps) <= 0.2 + 1e-9
     assert np.ptp([s[1] for s in steps]) < 1e-9

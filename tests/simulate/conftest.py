@@ -11,7 +11,7 @@ CELL = """
     <site name="robot_mount"/>
     <site name="brick_place" pos="0.6 0.1 0.0"/>
     <body name="plinth"><geom name="plinth" type="box" pos="0.6 0.1 -0.25" size="0.1 0.1 0.25"/></body>
-    <body name="pillar"><geom name="pillar" type="box" pos="0.5 -0.5 0.2" size="0.05 0.05 0.6"/></body>
+    <body name="pillar"><geom name="pillar" type="box" pos="0.45 -0.35 0.2" size="0.05 0.05 0.6"/></body>
   </worldbody>
 </mujoco>
 """

@@ -61,7 +61,7 @@ def replace_start(scene, q):
 def test_a_quintic_is_tracked_within_a_tenth_of_a_millimetre(scene):
     start = scene.robot().start
     sim = Simulation(scene)
-    assert sim.execute(quintic("sawyer", start, start + [0.4, -0.3, 0.3, -0.3, 0.4, 0.3, 0.5], 2.0))
+    assert sim.execute(quintic("sawyer", start, start + np.array([0.4, -0.3, 0.3, -0.3, 0.4, 0.3, 0.5]), 2.0))
     result = sim.result()
     assert result.max_tracking_error_m < 1e-4 and result.max_tracking_error_rad < 1e-3
     assert result.stop is None and not result.contacts and result.saturated_steps == 0
@@ -172,15 +172,16 @@ def test_an_empty_grasp_stops_the_run(scene):
     assert not sim.hold(0.1), "a stopped simulation does nothing"
 
 
-def towards_the_pillar(scene, robot):
+def towards_the_pillar(scene):
     """A trajectory that swings the arm into the pillar."""
     start = scene.robot().start
-    return retime(Path(robot, np.stack([start, start - np.eye(7)[0]])), tool_speed=0.4)
+    path = Path(scene.robot().robot, np.stack([start, start - 1.2 * np.eye(7)[0]]))
+    return retime(path, tool_speed=0.4)
 
 
-def test_an_unintended_contact_stops_the_run_and_is_named(scene, robot):
+def test_an_unintended_contact_stops_the_run_and_is_named(scene):
     sim = Simulation(scene)
-    assert not sim.execute(towards_the_pillar(scene, robot))
+    assert not sim.execute(towards_the_pillar(scene))
     result = sim.result()
     assert result.stop.reason is StopReason.CONTACT
     assert "pillar" in result.contacts[0].pair and result.contacts[0].depth > 0
@@ -189,10 +190,10 @@ def test_an_unintended_contact_stops_the_run_and_is_named(scene, robot):
     assert result.clearance[-1] < 0.01
 
 
-def test_contacts_can_be_logged_without_stopping(scene, robot):
+def test_contacts_can_be_logged_without_stopping(scene):
     settings = Settings(stop_on_contact=False, max_error_m=1.0, max_error_rad=3.0)
     sim = Simulation(scene, settings=settings)
-    sim.execute(towards_the_pillar(scene, robot))
+    sim.execute(towards_the_pillar(scene))
     result = sim.result()
     assert result.stop is None and result.contacts and result.min_clearance < 0
 
@@ -200,7 +201,7 @@ def test_contacts_can_be_logged_without_stopping(scene, robot):
 def test_a_motion_beyond_the_effort_limits_stops_by_tracking(scene):
     start = scene.robot().start
     sim = Simulation(scene)
-    assert not sim.execute(quintic("sawyer", start, start + [0, 0, 0, 0, 0.8, 0.8, 0], 0.12))
+    assert not sim.execute(quintic("sawyer", start, start + np.array([0, 0, 0, 0, 0.8, 0.8, 0]), 0.12))
     result = sim.result()
     assert result.stop.reason is StopReason.TRACKING and "mm" in result.stop.detail
     assert result.saturated_steps > 0

@@ -4,24 +4,21 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from workcell.errors import InputError, ModelError, UnknownNameError
-from workcell.model.contact import CollisionModel
-from workcell.model.scene import Scene, SceneObject
+from workcell.errors import InputError, ModelError
+from workcell.model.scene import Scene
 from workcell.motion.path import Trajectory, stationary
 from workcell.pose import Array, Pose
-from workcell.simulate.contacts import ContactRules
 from workcell.simulate.controller import ComputedTorque, Gains, discrete_reference
 from workcell.simulate.execution import ContactEvent, Event, Execution, Stop, StopReason, join_executions
 from workcell.simulate.grasp import Hand, Weld, finger_speed
 from workcell.simulate.rows import Rows, Worst, captured_warnings
+from workcell.simulate.watch import Held, Watch
 
 _START_TOLERANCE = 1e-3
-_LIFTED = 1e-3
 _SLIPPED = 2e-3
 _STILL = 2e-3
 
@@ -48,17 +45,6 @@ class Settings:
     stop_on_contact: bool = True
     close_s: float = 0.5
     settle_s: float = 1.5
-
-
-@dataclass(frozen=True, slots=True)
-class _Held:
-    """What the hand holds, how it held it at the grasp, and what the object then stood on."""
-
-    thing: SceneObject
-    weld: Weld
-    T_hand_object: Pose
-    T_tool_object: Pose
-    supports: frozenset[int]
 
 
 class Simulation:
@@ -93,14 +79,11 @@ class Simulation:
         self._data = mujoco.MjData(self._model)
         self._data.qpos[:] = scene.initial_qpos()
         self._controller = ComputedTorque(self._model, self.robot, self.settings.gains)
-        self._rules = ContactRules(self._model, self.robot)
+        self._watch = Watch(scene, self.robot, self._model, self._data)
         self._hand = Hand.of(self._model, self.robot)
         if self._hand is not None:
             self._data.ctrl[self._hand.actuator] = self._hand.open
         self._site = self._tool_site()
-        self._held: _Held | None = None
-        self._expected: set[tuple[int, int]] = set()
-        self._collision = CollisionModel(scene, self.robot.name)
         self._reference = np.array(self.robot.start)
         self._on_chunk = on_chunk
         self._rows = Rows(self.robot.robot.dof, self._model.nq)
@@ -146,14 +129,19 @@ class Simulation:
         return np.array(self._reference)
 
     @property
+    def held(self) -> str | None:
+        """Name of the object in the hand, or None."""
+        return None if self._watch.held is None else self._watch.held.thing.name
+
+    @property
     def T_tool_object(self) -> Pose | None:
         """How the held object stands in the tool's frame, or None."""
-        return None if self._held is None else self._held.T_tool_object
+        return None if self._watch.held is None else self._watch.held.T_tool_object
 
     @property
     def supports(self) -> frozenset[int]:
         """Geom ids that the held object stood on when it was grasped and has not left yet."""
-        return frozenset() if self._held is None else self._held.supports
+        return frozenset() if self._watch.held is None else self._watch.held.supports
 
     def object_pose(self, name: str) -> Pose:
         """World pose of an object now; raises UnknownNameError."""
@@ -163,8 +151,17 @@ class Simulation:
 
     def touches(self, name: str) -> frozenset[int]:
         """Ids of the geoms, not of the robot, that touch an object now; raises UnknownNameError."""
-        mine = self._rules.geoms(self.scene.object(name).body_ids)
-        return self._rules.touched_by(self._data, mine)
+        return self._watch.touched_by(self._watch.geoms_of(name))
+
+    def apart(self, name: str, body: str) -> bool:
+        """Whether an object has left a body: their bounding boxes, along the world's axes, don't overlap.
+
+        Raises:
+            UnknownNameError: no such object or body.
+        """
+        mine = self._watch.bounds(self.scene.object(name).body_ids)
+        other = self._watch.bounds({self._watch.body(body)})
+        return bool(np.any(mine[0] > other[1]) or np.any(mine[1] < other[0]))
 
     def log(self, text: str, level: str = "INFO") -> None:
         """Add a line to the log at this time."""
@@ -246,17 +243,15 @@ class Simulation:
         if self.stop is not None:
             return False
         self.log(f"closing the gripper on the {name}")
-        mine = self._rules.geoms(thing.body_ids)
-        self._expect(self._rules.geoms(hand.bodies), mine)
+        mine = self._watch.geoms_of(name)
+        self._watch.expect(self._watch.geoms(hand.bodies), mine)
         if not (self.move_gripper(0.0) and self._wait_for_grip(hand, mine)):
             return False
-        supports = self._rules.touched_by(self._data, mine)
+        supports = self._watch.touched_by(mine)
         T_hand_object = weld.close(self._model, self._data)
         self._controller.carry(weld.hand_body, thing.body_ids, self._data)
         T_tool_object = self._tool_pose().inverse() @ self.object_pose(name)
-        self._rules.watch(thing, carried=True)
-        self._held = _Held(thing, weld, T_hand_object, T_tool_object, supports)
-        self._expect(mine, supports)
+        self._watch.take(Held(thing, weld, T_hand_object, T_tool_object, supports))
         self.log(f"the {name} is held by both fingers")
         return True
 
@@ -266,11 +261,7 @@ class Simulation:
         Raises:
             UnknownNameError: no such object or body.
         """
-        names = [self._model.body(b).name for b in range(self._model.nbody)]
-        if body not in names:
-            raise UnknownNameError("body", body, names, where=self.scene.path)
-        mine = self._rules.geoms(self.scene.object(name).body_ids)
-        self._expect(mine, self._rules.geoms([names.index(body)]))
+        self._watch.expect(self._watch.geoms_of(name), self._watch.geoms([self._watch.body(body)]))
 
     def release(self) -> bool:
         """Let go of the object and open the gripper; the open hand may still touch it.
@@ -278,13 +269,12 @@ class Simulation:
         Raises:
             InputError: the hand holds nothing.
         """
-        if self._held is None:
+        held = self._watch.held
+        if held is None:
             raise InputError("the hand holds nothing", where="release")
-        held, self._held = self._held, None
         held.weld.release(self._data)
         self._controller.drop(held.weld.hand_body)
-        self._rules.watch(held.thing, carried=False)
-        self._refresh_collision()
+        self._watch.let_go()
         self.log(f"released the {held.thing.name}")
         return self.move_gripper(1.0)
 
@@ -312,9 +302,9 @@ class Simulation:
         robot = self.robot
         if not np.all(np.isfinite(qpos)):
             return
-        if self._held is not None and self._held.supports:
-            self._check_lifted(qpos)
-        distance = self._collision.distance_at(qpos, limit=1.0)
+        if self._watch.notice_lift():
+            self.log(f"the {self.held} is clear of what it stood on")
+        distance = self._watch.clearance(qpos)
         tool = self._data.site_xpos[self._site]
         self._rows.add(now, qpos, qpos[robot.qpos_addresses], q_reference, tool, self._worst, distance)
         self._worst = Worst()
@@ -333,7 +323,7 @@ class Simulation:
                 StopReason.UNSTABLE, " ".join(warnings[:1]) or "positions or velocities are not finite"
             )
             return
-        for pair, depth in self._rules.unintended(data):
+        for pair, depth in self._watch.unintended():
             if pair not in self._seen:
                 self._seen.add(pair)
                 text = f"unintended contact between {pair[0]} and {pair[1]}, {1000 * depth:.2f} mm deep"
@@ -344,11 +334,9 @@ class Simulation:
         if self._worst.error_m > settings.max_error_m or self._worst.error_rad > settings.max_error_rad:
             text = f"the tool is {1000 * self._worst.error_m:.2f} mm and {self._worst.error_rad:.4f} rad off"
             self._stop(StopReason.TRACKING, text)
-        if self._held is not None:
-            slip = self._held.weld.slip(data, self._held.T_hand_object)
-            if slip > _SLIPPED:
-                text = f"the {self._held.thing.name} slipped by {1000 * slip:.2f} mm"
-                self._stop(StopReason.LOST_GRASP, text)
+        slip = self._watch.slip()
+        if slip > _SLIPPED:
+            self._stop(StopReason.LOST_GRASP, f"the {self.held} slipped by {1000 * slip:.2f} mm")
 
     def _stop(self, reason: StopReason, detail: str) -> None:
         if self.stop is None:
@@ -363,54 +351,19 @@ class Simulation:
             raise ModelError(f"{self.robot.name} has no gripper", where=self.scene.path)
         return self._hand
 
-    def _wait_for_grip(self, hand: Hand, mine: ArrayLike) -> bool:
+    def _wait_for_grip(self, hand: Hand, mine: Iterable[int]) -> bool:
         """Hold until every finger rests on the object."""
-        geoms = [int(g) for g in np.asarray(mine)]
-        fingers = [self._rules.geoms(finger) for finger in hand.fingers]
+        fingers = [self._watch.geoms(finger) for finger in hand.fingers]
         for _ in range(max(round(self.settings.settle_s / 0.02), 1)):
             if not self.hold(0.02):
                 return False
-            touching = [self._rules.touching(self._data, finger, geoms) for finger in fingers]
+            touching = [self._watch.touching(finger, mine) for finger in fingers]
             if all(touching) and finger_speed(self._data, hand) < _STILL:
                 return True
         detail = f"{sum(touching)} of {len(fingers)} fingers touch the object"
         self._stop(StopReason.NO_GRASP, detail)
         self.flush()
         return False
-
-    def _expect(self, first: Iterable[int], second: Iterable[int], expected: bool = True) -> None:
-        """Say whether contact between two sets of geoms is intended, to the guard and to the clearance alike."""
-        a, b = [int(g) for g in first], [int(g) for g in second]
-        self._rules.intend(a, b, expected)
-        pairs = {(x, y) for x in a for y in b}
-        self._expected = self._expected | pairs if expected else self._expected - pairs
-        self._refresh_collision()
-
-    def _refresh_collision(self) -> None:
-        held = self._held
-        self._collision = CollisionModel(
-            self.scene,
-            self.robot.name,
-            qpos=self.qpos,
-            attached=None if held is None else (held.thing.name, held.T_tool_object),
-            allowed_geoms=self._expected,
-        )
-
-    def _check_lifted(self, qpos: Array) -> None:
-        """Once the object is clear of what it stood on, touching that again is unintended."""
-        held = self._held
-        assert held is not None
-        mine = self._rules.geoms(held.thing.body_ids)
-        gap = min(
-            self._mujoco.mj_geomDistance(self._model, self._data, int(a), int(b), 2 * _LIFTED, None)
-            for a in mine
-            if self._model.geom_contype[a] or self._model.geom_conaffinity[a]
-            for b in held.supports
-        )
-        if gap > _LIFTED:
-            self._held = replace(held, supports=frozenset())
-            self._expect(mine, held.supports, expected=False)
-            self.log(f"the {held.thing.name} is clear of what it stood on")
 
     def _tool_matrix(self) -> Array:
         T = np.eye(4)

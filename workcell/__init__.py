@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from workcell.pose import Pose
     from workcell.record.recording import Recording
     from workcell.record.review import review
-    from workcell.simulate.execute import Simulation
+    from workcell.simulate.simulation import Simulation
 
 _HOMES = {
     "WorkcellError": "errors",
@@ -55,7 +55,7 @@ _HOMES = {
     "Pose": "pose",
     "Recording": "record.recording",
     "review": "record.review",
-    "Simulation": "simulate.execute",
+    "Simulation": "simulate.simulation",
 }
 
 __all__ = sorted(_HOMES)  # noqa: PLE0605

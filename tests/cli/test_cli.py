@@ -36,6 +36,7 @@ def test_robots(capsys):
     rows = {row["name"]: row for row in json.loads(out)}
     assert code == 0 and {"sawyer", "ur10", "iiwa14"} <= set(rows)
     assert rows["sawyer"]["dof"] == 7 and rows["ur10"]["dof"] == 6
+    assert rows["parallel_gripper"]["kind"] == "gripper"
     code, out, _ = call(capsys, "robots")
     assert code == 0 and "sawyer" in out
 

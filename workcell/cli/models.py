@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from workcell.cli import exit_codes
 from workcell.cli.output import print_json, print_table, progress_bar
-from workcell.errors import ModelError, UnknownNameError
+from workcell.errors import UnknownNameError
 
 if TYPE_CHECKING:
     from workcell.model.scene import Scene
@@ -16,37 +16,46 @@ if TYPE_CHECKING:
 
 def robots(options: argparse.Namespace) -> int:
     """Table of the robots that travel with workcell."""
-    from workcell.geometry.spheres import model_cover
-    from workcell.model.data import find_asset, list_assets
-    from workcell.model.load import load_compiled
+    from workcell.model.data import list_assets
 
-    rows = []
-    for name in list_assets("robots"):
-        try:
-            model, robot = load_compiled(name)
-        except ModelError:
-            continue  # grippers stand beside the arms, but have no arm of their own to plan for
-        spheres = len(model_cover(model, robot, overshoot=0.02))
-        rows.append(
-            {
-                "name": name,
-                "dof": robot.dof,
-                "reach_m": round(robot.reach(), 3),
-                "tools": list(robot.tools),
-                "spheres": spheres,
-                "source": str(find_asset("robots", name)),
-            }
-        )
+    rows = [_row(name) for name in list_assets("robots")]
     if options.json:
         print_json(rows)
     else:
-        header = ["name", "dof", "reach m", "tools", "spheres (2 cm)", "source"]
-        print_table(
-            "Robots",
-            header,
-            [[", ".join(v) if isinstance(v, list) else v for v in row.values()] for row in rows],
-        )
+        header = ["name", "kind", "dof", "reach m", "tools", "spheres (2 cm)", "source"]
+        cells = [[", ".join(v) if isinstance(v, list) else v for v in row.values()] for row in rows]
+        print_table("Robots", header, cells)
     return exit_codes.DONE
+
+
+def _row(name: str) -> dict[str, Any]:
+    from workcell.geometry.spheres import model_cover
+    from workcell.model.compiled import is_gripper, robot_from_model
+    from workcell.model.data import find_asset
+    from workcell.model.load import compile_spec, load_spec
+
+    path = find_asset("robots", name)
+    model = compile_spec(load_spec(path), path)
+    if is_gripper(model):
+        tools = [model.site(site).name for site in range(model.nsite)]
+        return _fields(name, "gripper", 0, None, tools, None, path)
+    robot = robot_from_model(model, name=name, where=path)
+    spheres = len(model_cover(model, robot, overshoot=0.02))
+    return _fields(name, "arm", robot.dof, round(robot.reach(), 3), list(robot.tools), spheres, path)
+
+
+def _fields(
+    name: str, kind: str, dof: int, reach_m: float | None, tools: list[str], spheres: int | None, source: Path
+) -> dict[str, Any]:
+    return {
+        "name": name,
+        "kind": kind,
+        "dof": dof,
+        "reach_m": reach_m,
+        "tools": tools,
+        "spheres": spheres,
+        "source": str(source),
+    }
 
 
 def check(options: argparse.Namespace) -> int:

@@ -35,7 +35,9 @@ def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[objec
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     listed = [list(row) for row in rows]
     for column, name in enumerate(header):
-        numeric = bool(listed) and all(isinstance(row[column], int | float) for row in listed)
+        numeric = bool(listed) and all(
+            row[column] is None or isinstance(row[column], int | float) for row in listed
+        )
         table.add_column(name, justify="right" if numeric else "left", overflow="fold")
     for row in listed:
         table.add_row(*(_cell(value) for value in row))

@@ -144,6 +144,13 @@ def _tools(model: mujoco.MjModel, bodies: set[int], prefix: str, walk: _Walk) ->
     return tools
 
 
+def is_gripper(model: mujoco.MjModel) -> bool:
+    """Whether a model by itself is a hand: its one actuator, `gripper`, drives no joint directly."""
+    actuators = [model.actuator(i).name for i in range(model.nu)]
+    driven = any(actuator_of_joint(model, joint) is not None for joint in range(model.njnt))
+    return actuators == ["gripper"] and not driven
+
+
 def link_bodies(model: mujoco.MjModel, robot: Robot, prefix: str) -> tuple[tuple[int, ...], ...]:
     """For each link of a robot, the MuJoCo bodies that it carries (a gripper's fingers with the hand)."""
     moved = {

@@ -25,7 +25,11 @@ _DENSE = 5
 """Evaluations a time step when limits are verified."""
 _HEADROOM = 1.0005
 """Left for what lies between two dense evaluations."""
-_SUPPORT = 0.02
+_RINGING = 0.05
+"""Corner angle times segment length (radians squared) from which a corner gets support points: 1 mrad off the line."""
+_PER_INTERVAL, _APART = 6, 1e-6
+_ROUNDS, _CLOSE = 6, 1.02
+"""Rounds in which places that exceed a limit after averaging get less of it, and the excess that ends them."""
 _SMALLEST = 1e-12
 
 
@@ -54,8 +58,8 @@ def retime(
     tool_speed: float | None = None,
     dt: float = 0.002,
     smoothing_s: float = 0.06,
-    support: float | None = None,
-    grid: int = 600,
+    support: float = 0.02,
+    grid: int = 400,
 ) -> Trajectory:
     """Time a path: C2, at rest at both ends, within the limits, sampled every `dt` seconds.
 
@@ -65,9 +69,8 @@ def retime(
         tool_speed: largest speed of the tool, metres a second; None: no bound.
         dt: seconds between samples.
         smoothing_s: width of the moving average over s(t); the acceleration changes over this time.
-        support: joint-space distance (radians) from each corner to the extra spline points that hold the motion on
-            the straight lines; inf leaves them out; None: 0.02, but inf for a path that follows a tool path, whose
-            waypoints lie on a smooth curve already.
+        support: joint-space distance (radians) from a sharp corner to the first of the extra spline points that hold
+            the motion on the straight lines; inf leaves them out.
         grid: intervals of the phase plane.
 
     Raises:
@@ -79,13 +82,18 @@ def retime(
         raise InputError(
             f"the tool's speed limit is {tool_speed}", where="tool_speed", remedy="a positive number"
         )
-    if support is None:
-        support = np.inf if path.tool_poses else _SUPPORT
     spline = _Spline.through(_with_support(path.configurations, support))
     s_grid = _grid(spline, grid)
     q, first, second = spline.derivatives(s_grid)
     cap = _speed_cap(robot, q, first, v_max, tool_speed)
-    timing = _Timing.along(s_grid, _fastest_squared_speed(s_grid, first, second, cap, a_max), smoothing_s)
+    share = np.ones(len(s_grid))
+    for _ in range(_ROUNDS):
+        x = _fastest_squared_speed(s_grid, first, second, cap, share[:, None] * a_max)
+        timing = _Timing.along(s_grid, x, smoothing_s)
+        excess = _excess(spline, timing, a_max, dt)
+        if excess.max() <= _CLOSE:
+            break
+        share /= excess
     slower = _HEADROOM * _slowdown(robot, spline, timing.sample(dt / _DENSE), v_max, a_max, tool_speed)
     steps = int(np.ceil(timing.duration * slower / dt - 1e-9))
     slower = steps * dt / timing.duration
@@ -106,6 +114,18 @@ def _speed_cap(robot: Robot, q: Array, first: Array, v_max: Array, tool_speed: f
 def _tool_speed(robot: Robot, q: Array, qd: Array) -> Array:
     speed: Array = np.linalg.norm(np.einsum("tij,tj->ti", robot.jacobian(q)[:, :3], qd), axis=1)
     return speed
+
+
+def _excess(spline: _Spline, timing: _Timing, a_max: Array, dt: float) -> Array:
+    """By what factor, at least 1, the averaged motion exceeds an acceleration limit near each grid point."""
+    dense = timing.sample(dt)
+    use = (np.abs(spline.motion(*dense)[2]) / a_max).max(axis=1)
+    time = np.linspace(0.0, timing.duration, len(use))
+    first = np.searchsorted(time, timing.time - dt)
+    last = np.searchsorted(time, timing.time + timing.window + dt)
+    worst = [use[i : max(j, i + 1)].max() for i, j in zip(first, last, strict=True)]
+    excess: Array = np.maximum(np.array(worst), 1.0)
+    return excess
 
 
 def _slowdown(
@@ -161,10 +181,11 @@ def _limit_use(qd: Array, qdd: Array, v_max: Array, a_max: Array) -> LimitUse:
 
 
 def _with_support(waypoints: Array, support: float) -> Array:
-    """Waypoints without repetitions, with points at 1, 2, 4 ... times `support` from the ends of each long segment.
+    """Waypoints without repetitions, with points at 1, 2, 4 ... times `support` from corners along long segments.
 
-    A cubic spline rings after a corner; the ringing decays by a factor of about four a knot, so that the spacing may
-    double from knot to knot without the spline leaving the straight line further.
+    A cubic spline rings after a corner by about a fiftieth of the corner's angle times the length of the segment; where
+    that is too much, extra points hold it on the line. The ringing decays by a factor of about four a knot, so that
+    the spacing may double from knot to knot.
     """
     moved = np.append(True, np.abs(np.diff(waypoints, axis=0)).max(axis=1) > _SMALLEST)
     points = waypoints[moved]
@@ -172,14 +193,25 @@ def _with_support(waypoints: Array, support: float) -> Array:
         raise InputError(
             "the path does not move", where="path", remedy="a path takes two different configurations"
         )
+    corners = np.concatenate([[0.0], _turning_angles(points), [0.0]])
     out = [points[:1]]
-    for a, b in pairwise(points):
+    for (a, b), (before, after) in zip(pairwise(points), pairwise(corners), strict=True):
         length = float(np.linalg.norm(b - a))
-        doublings = int(np.log2(length / (2.5 * support))) + 1 if length > 2.5 * support else 0
-        near = support * 2.0 ** np.arange(doublings) / length if doublings else np.zeros(0)
-        fractions = np.concatenate([near, 1 - near[::-1], [1.0]])
+        far = length / (2.5 * support)
+        near = support * 2.0 ** np.arange(int(np.log2(far)) + 1) / length if far > 1 else np.zeros(0)
+        first = near if before * length > _RINGING else np.zeros(0)
+        last = 1 - near[::-1] if after * length > _RINGING else np.zeros(0)
+        fractions = np.concatenate([first, last, [1.0]])
         out.append(a + fractions[:, None] * (b - a))
     return np.vstack(out)
+
+
+def _turning_angles(points: Array) -> Array:
+    """Angles (k - 2,) between the directions of neighbouring segments."""
+    steps = np.diff(points, axis=0)
+    steps = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+    angles: Array = 2 * np.arcsin(np.clip(np.linalg.norm(np.diff(steps, axis=0), axis=1) / 2, 0.0, 1.0))
+    return angles
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,12 +260,15 @@ class _Spline:
 
 
 def _grid(spline: _Spline, intervals: int) -> Array:
-    """Evenly spaced path positions, and the spline's knots, where its curvature peaks."""
+    """Path positions: evenly spaced, and some in each interval of the spline, so that none of its bends is missed."""
+    fractions = np.linspace(0.0, 1.0, _PER_INTERVAL, endpoint=False)
+    inside = (spline.knots[:-1, None] + fractions * np.diff(spline.knots)[:, None]).ravel()
     even = np.linspace(0.0, spline.length, intervals + 1)
-    s: Array = np.unique(np.concatenate([even, spline.knots]))
-    keep = np.append(True, np.diff(s) > 1e-6 * spline.length)
-    keep[-1] = True
-    return s[keep] if np.diff(s[keep])[-1] > 0 else s
+    s = np.unique(np.concatenate([even, inside]))
+    inner = s[1:-1]
+    apart = (np.diff(s)[:-1] > _APART * spline.length) & (spline.length - inner > _APART * spline.length)
+    grid: Array = np.concatenate([[0.0], inner[apart], [spline.length]])
+    return grid
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,17 +324,17 @@ class _Timing:
 def _fastest_squared_speed(s: Array, first: Array, second: Array, cap: Array, a_max: Array) -> Array:
     """x = sd^2 at each grid point of the fastest motion that begins and ends at rest.
 
-    At a grid point, with u = sdd: `|first u + second x| <= a_max` and `x <= cap`; from one point to the
+    All arguments have a row for each grid point. There, with u = sdd: `|first u + second x| <= a_max` and `x <= cap`; from one point to the
     next `x' = x + 2 ds u`. Backward, the largest x from which the end can still be reached at rest; forward, the
     largest u that stays below it.
     """
     ds = np.diff(s)
     limit = np.zeros(len(s))
     for i in range(len(s) - 2, -1, -1):
-        limit[i] = _largest_start(first[i], second[i], a_max, cap[i], 2 * ds[i], limit[i + 1])
+        limit[i] = _largest_start(first[i], second[i], a_max[i], cap[i], 2 * ds[i], limit[i + 1])
     x = np.zeros(len(s))
     for i in range(len(s) - 1):
-        _, high = _acceleration_range(first[i], second[i], a_max, x[i])
+        _, high = _acceleration_range(first[i], second[i], a_max[i], x[i])
         x[i + 1] = min(max(x[i] + 2 * ds[i] * high, 0.0), limit[i + 1])
     return x
 

@@ -1,0 +1,88 @@
+"""Benches of the solvers on problem sets: files in a folder, or generated ones for the robots that travel with workcell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from workcell.bench.generate import generate
+from workcell.bench.problems import ProblemSet, load_problem_set
+from workcell.bench.tables import Bench, Row, row_of, solve_all
+from workcell.errors import InputError
+from workcell.geometry.types import SphereCover
+from workcell.ik.problem import Budget
+from workcell.model.robot import Robot
+
+BUDGET = Budget(1.0)
+"""CPU seconds a problem."""
+ROBOTS = ("sawyer", "ur10", "iiwa14")
+KINDS = ("free", "random", "workcell")
+OVERSHOOT = 0.03
+"""Metres by which the spheres of the generated sets may exceed the robots' shapes: about as coarse as hand-made covers."""
+
+
+def bench_robot(name: str) -> tuple[Robot, SphereCover]:
+    """A robot alone, serial up to its tool and based at the world's origin, and spheres, which are
+    the truth of the generated sets."""
+    from workcell.geometry.spheres import robot_cover
+    from workcell.model.build import robot_scene
+
+    scene = robot_scene(name)
+    actor = scene.robot()
+    outer = robot_cover(scene.model, actor, overshoot=OVERSHOOT)
+    return actor.robot.chain(), SphereCover(outer.link, outer.centre, outer.radius, kind="given")
+
+
+def _set_files(sets: Path | None) -> list[Path]:
+    if sets is None or not sets.is_dir():
+        raise InputError(
+            "this bench needs a folder of problem sets" if sets is None else f"{sets} is not a folder",
+            where="sets",
+            remedy="--sets DIR with files <robot>_<set>.json of format workcell-ikset/1",
+        )
+    files = sorted(file for file in sets.glob("*.json") if not file.name.endswith(".answers.json"))
+    if not files:
+        raise InputError("the folder has no problem set", where=sets, remedy="files <robot>_<set>.json")
+    return files
+
+
+def _file_rows(n: int, seed: int, sets: Path | None) -> list[Row]:
+    rows = []
+    for file in _set_files(sets):
+        rows += _rows(load_problem_set(file), ("auto", "multistart"), n, seed)
+    return rows
+
+
+def _rows(problem_set: ProblemSet, solvers: Sequence[str], n: int, seed: int) -> list[Row]:
+    if not problem_set.problems:
+        return []
+    label = f"{problem_set.robot.name}/{problem_set.name}"
+    return [
+        row_of(f"{label}/{solver}", solve_all(problem_set, solver, BUDGET, seed, n)) for solver in solvers
+    ]
+
+
+def _multistart(n: int, seed: int, sets: Path | None) -> list[Row]:
+    rows = []
+    for name in ROBOTS:
+        robot, cover = bench_robot(name)
+        for kind in KINDS:
+            rows += _rows(generate(robot, cover, kind, n, seed), ("multistart",), n, seed)
+    return rows
+
+
+def _impossible(n: int, seed: int, sets: Path | None) -> list[Row]:
+    rows = []
+    for name in ROBOTS:
+        robot, cover = bench_robot(name)
+        rows += _rows(generate(robot, cover, "unreachable", n, seed), ("auto",), n, seed)
+    return rows
+
+
+BENCHES = (
+    Bench("sets", 100, "problem-set files (--sets DIR): auto and multistart, 1 s CPU a problem", _file_rows),
+    Bench(
+        "multistart", 100, "generated sets: multi-start Levenberg-Marquardt, the honest baseline", _multistart
+    ),
+    Bench("impossible", 100, "generated targets out of reach or blocked: what auto proves", _impossible),
+)

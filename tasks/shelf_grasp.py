@@ -29,7 +29,7 @@ def run(job: Job) -> None:
             scene, attached=carried, supports=task["supports"], towards=[reach.end], seed=job.seed
         )
         up = job.follow(standing, line(grasp, lift, 0.01), reach.end, LIMITS, "way off the board")
-        hanging = PlanningWorld.of(scene, attached=carried, towards=[up.end], seed=job.seed)
+        hanging = shelf.holding(*carried, towards=[up.end])
         out = job.follow(hanging, line(lift, retreat), up.end, LIMITS, "way out with the mug")
         job.log_plan(reach + up + out)
         reach_motion, carry_motion = retime(reach, tool_speed=speed), retime(up + out, tool_speed=speed)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from workcell.errors import UnknownNameError
-from workcell.geometry.cuboids import biased_seeds, inflate_cuboids
+from workcell.geometry.cuboids import biased_seeds, inflate_cuboids, outermost
 from workcell.geometry.pieces import scene_obstacles
 from workcell.geometry.spheres import attached_cover, merge_covers, robot_cover
 from workcell.geometry.types import FreeSpace, Piece, SphereCover
@@ -30,6 +30,8 @@ class PlanningWorld:
         obstacles: convex pieces of everything else, in the world frame.
         free_space: cuboids proved disjoint from every obstacle.
         collision: the compiled model's distances, which alone decide.
+        overshoot: of the covers, metres.
+        seed: of the free space's seeds.
     """
 
     scene: Scene
@@ -38,6 +40,8 @@ class PlanningWorld:
     obstacles: tuple[Piece, ...]
     free_space: FreeSpace
     collision: CollisionModel
+    overshoot: float = 0.02
+    seed: int = 0
 
     @staticmethod
     def of(
@@ -47,8 +51,6 @@ class PlanningWorld:
         tool: str | None = None,
         overshoot: float = 0.02,
         ignored: Iterable[str] = (),
-        attached: tuple[str, Pose] | None = None,
-        supports: Iterable[str] = (),
         towards: Iterable[Array] = (),
         seed: int = 0,
     ) -> PlanningWorld:
@@ -60,34 +62,52 @@ class PlanningWorld:
             tool: the site to place; None: the robot's own.
             overshoot: of the sphere cover, metres.
             ignored: objects (by name) that count as free space, such as one about to be grasped.
-            attached: (object, T_tool_object) that the hand carries.
-            supports: geoms on which the carried object still stands: it may touch them.
             towards: configurations (n,) that the free space should hold, besides the start.
             seed: of the free space's random seeds.
         """
         actor = scene.robot(robot)
         if tool is not None:
             actor = replace(actor, robot=replace(actor.robot, default_tool=actor.robot.tool(tool).name))
-        cover = robot_cover(scene.model, actor, overshoot=overshoot)
-        carried = () if attached is None else (attached[0],)
-        if attached is not None:
-            cover = merge_covers(
-                cover, attached_cover(scene, actor, attached[0], attached[1], overshoot=overshoot)
-            )
-        standing = tuple(supports)
-        everything = scene_obstacles(scene, actor.name, exclude_objects=(*ignored, *carried))
-        obstacles = tuple(piece for piece in everything if piece.name not in standing)
-        collision = CollisionModel(
-            scene,
-            actor.name,
-            attached=attached,
-            ignored=[scene.model.body(body).name for name in ignored for body in scene.object(name).body_ids],
-            allowed_geoms=_geom_pairs(scene, carried, standing),
+        bodies = [scene.model.body(body).name for name in ignored for body in scene.object(name).body_ids]
+        world = PlanningWorld(
+            scene=scene,
+            robot=actor,
+            cover=robot_cover(scene.model, actor, overshoot=overshoot),
+            obstacles=scene_obstacles(scene, actor.name, exclude_objects=tuple(ignored)),
+            free_space=FreeSpace(np.zeros((0, 3)), np.zeros((0, 3))),
+            collision=CollisionModel(scene, actor.name, ignored=bodies),
+            overshoot=overshoot,
+            seed=seed,
         )
-        configurations = [actor.start, *towards]
-        seeds = biased_seeds(actor.robot, cover, np.array(configurations))
-        free_space = inflate_cuboids(seeds, obstacles, workspace_bounds(actor.robot))
-        return PlanningWorld(scene, actor, cover, obstacles, free_space, collision)
+        return world.with_free_space_around([actor.start, *towards])
+
+    def holding(
+        self, thing: str, T_tool_object: Pose, *, supports: Iterable[str] = (), towards: Iterable[Array] = ()
+    ) -> PlanningWorld:
+        """The world once the hand holds an object: it is part of the robot, its spheres move with the hand.
+
+        Args:
+            thing: the object's name.
+            T_tool_object: how it stands in the tool's frame.
+            supports: geoms on which it still stands: it may touch them.
+            towards: configurations (n,) that the free space should hold.
+        """
+        standing = tuple(supports)
+        everything = scene_obstacles(self.scene, self.robot.name, exclude_objects=(thing,))
+        carried = attached_cover(self.scene, self.robot, thing, T_tool_object, overshoot=self.overshoot)
+        world = replace(
+            self,
+            cover=merge_covers(self.cover, carried),
+            obstacles=tuple(piece for piece in everything if piece.name not in standing),
+            free_space=FreeSpace(np.zeros((0, 3)), np.zeros((0, 3))),
+            collision=CollisionModel(
+                self.scene,
+                self.robot.name,
+                attached=(thing, T_tool_object),
+                allowed_geoms=_geom_pairs(self.scene, thing, standing),
+            ),
+        )
+        return world.with_free_space_around(towards)
 
     def problem(self, target: Pose, *, q_reference: Array | None = None, margin: float = 0.0) -> IKProblem:
         """The question: bring the tool to `target`, at least `margin` metres clear of everything."""
@@ -109,18 +129,21 @@ class PlanningWorld:
 
     def with_free_space_around(self, configurations: Iterable[Array]) -> PlanningWorld:
         """The same world with cuboids inflated around more configurations (k, n)."""
-        seeds = biased_seeds(self.robot.robot, self.cover, np.array(list(configurations)))
+        wanted = list(configurations)
+        if not wanted:
+            return self
+        seeds = biased_seeds(self.robot.robot, self.cover, np.array(wanted), seed=self.seed)
         more = inflate_cuboids(seeds, self.obstacles, workspace_bounds(self.robot.robot))
         lower = np.concatenate([self.free_space.lower, more.lower])
         upper = np.concatenate([self.free_space.upper, more.upper])
-        _, kept = np.unique(np.round(np.hstack([lower, upper]), 6), axis=0, return_index=True)
-        return replace(self, free_space=FreeSpace(lower[np.sort(kept)], upper[np.sort(kept)]))
+        kept = outermost(lower, upper)
+        return replace(self, free_space=FreeSpace(lower[kept], upper[kept]))
 
 
-def _geom_pairs(scene: Scene, objects: Iterable[str], supports: Iterable[str]) -> list[tuple[int, int]]:
-    """Every geom of the objects with every support."""
+def _geom_pairs(scene: Scene, thing: str, supports: Iterable[str]) -> list[tuple[int, int]]:
+    """Every geom of an object with every support."""
     model = scene.model
-    mine = {b for name in objects for b in scene.object(name).body_ids}
+    mine = scene.object(thing).body_ids
     known = [model.geom(g).name for g in range(model.ngeom)]
     below = []
     for name in supports:

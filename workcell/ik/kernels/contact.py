@@ -1,0 +1,150 @@
+"""Clearances of the robot's spheres among the obstacles: the smallest, those below a margin, and who could touch whom."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from workcell.ik.kernels.distance import HALFSPACE, signed_distance
+from workcell.ik.kernels.options import World, inner
+from workcell.pose import Array
+
+MOST_CONTACTS = 128
+"""Contacts of one configuration that are kept; more mean that it is hopeless anyway."""
+FAR = 1e3
+"""Metres reported where nothing is near."""
+
+
+class Contacts(NamedTuple):
+    """Pairs closer than a margin.
+
+    Attributes:
+        rows: (MOST_CONTACTS, 9) gap, gradient (3), sphere's centre (3), link, sphere's row and obstacle packed as
+            `sphere * obstacles + obstacle`.
+        count: (1,) rows in use.
+    """
+
+    rows: Array
+    count: Array
+
+
+@inner
+def room() -> Contacts:
+    """An empty list of contacts."""
+    return Contacts(np.empty((MOST_CONTACTS, 9)), np.zeros(1))
+
+
+@inner
+def _out_of_reach(world: World, j: int, x: float, y: float, z: float, reach: float) -> bool:
+    """Whether obstacle j is surely farther than `reach` from a point, by its bounding ball and its own distance."""
+    if world.obstacles[j, 0] != HALFSPACE:
+        dx, dy, dz = x - world.obstacles[j, 1], y - world.obstacles[j, 2], z - world.obstacles[j, 3]
+        reach_ball = reach + world.obstacles[j, 16]
+        if dx * dx + dy * dy + dz * dz > reach_ball * reach_ball:
+            return True
+    return signed_distance(world.obstacles, world.faces, j, x, y, z)[0] > reach
+
+
+@inner
+def _carried(T: Array, link: int, row: Array, k: int) -> tuple[float, float, float]:
+    """World position of the point in row k of spheres or balls, carried by a link."""
+    x, y, z = row[k, 0], row[k, 1], row[k, 2]
+    return (
+        T[link, 9] + T[link, 0] * x + T[link, 1] * y + T[link, 2] * z,
+        T[link, 10] + T[link, 3] * x + T[link, 4] * y + T[link, 5] * z,
+        T[link, 11] + T[link, 6] * x + T[link, 7] * y + T[link, 8] * z,
+    )
+
+
+@inner
+def collect(world: World, T: Array, margin: float, stop_below: float, contacts: Contacts) -> float:
+    """All pairs with a gap below `margin`, for frames T; returns the smallest gap (`FAR` where none is near).
+
+    Gives up at a gap below `stop_below`, with the list incomplete.
+    """
+    rows, count, smallest = contacts.rows, 0, FAR
+    obstacles = world.obstacles.shape[0]
+    for link in range(world.balls.shape[0]):
+        first, last = int(world.balls[link, 4]), int(world.balls[link, 5])
+        if first == last:
+            continue
+        bx, by, bz = _carried(T, link, world.balls, link)
+        for j in range(obstacles):
+            if _out_of_reach(world, j, bx, by, bz, world.balls[link, 3] + margin):
+                continue
+            for i in range(first, last):
+                x, y, z = _carried(T, link, world.spheres, i)
+                d, u, v, w = signed_distance(world.obstacles, world.faces, j, x, y, z)
+                gap = d - world.spheres[i, 3]
+                if gap < margin and count < MOST_CONTACTS:
+                    rows[count, 0], rows[count, 1], rows[count, 2], rows[count, 3] = gap, u, v, w
+                    rows[count, 4], rows[count, 5], rows[count, 6] = x, y, z
+                    rows[count, 7], rows[count, 8] = float(link), float(i * obstacles + j)
+                    count += 1
+                if gap < smallest:
+                    smallest = gap
+                    if gap < stop_below:
+                        contacts.count[0] = count
+                        return smallest
+    contacts.count[0] = count
+    return smallest
+
+
+@inner
+def contact_row(frames: Array, T: Array, rows: Array, c: int, out: Array) -> None:
+    """Gradient of contact c's gap with respect to the joints, into out (n,)."""
+    link = int(rows[c, 7])
+    u, v, w = rows[c, 1], rows[c, 2], rows[c, 3]
+    for k in range(out.shape[0]):
+        out[k] = 0.0
+        if k < link:
+            zx, zy, zz = T[k + 1, 2], T[k + 1, 5], T[k + 1, 8]
+            if frames[k + 1, 12] == 0.0:
+                rx, ry, rz = rows[c, 4] - T[k + 1, 9], rows[c, 5] - T[k + 1, 10], rows[c, 6] - T[k + 1, 11]
+                out[k] = u * (zy * rz - zz * ry) + v * (zz * rx - zx * rz) + w * (zx * ry - zy * rx)
+            else:
+                out[k] = u * zx + v * zy + w * zz
+
+
+@inner
+def idle_stretch(world: World, T: Array, twist: Array, spare: float, hint: Array) -> float:
+    """Length along a motion over which some sphere surely stays inside an obstacle; 0 where none is inside.
+
+    `twist` (n + 1, 6) is each link's velocity field: linear at the world's origin, angular. A sphere that lies `depth`
+    inside and moves with speed v stays inside for depth / v, and short of a clearance of `spare` for (depth +
+    spare) / v. The pair in hint (2,) is asked first, and replaced by the one with the longest stretch.
+    """
+    longest = _stretch(world, T, twist, spare, int(hint[0]), int(hint[1])) if hint[0] >= 0 else 0.0
+    if longest > 0.1:
+        return longest
+    for link in range(world.balls.shape[0]):
+        first, last = int(world.balls[link, 4]), int(world.balls[link, 5])
+        if first == last:
+            continue
+        bx, by, bz = _carried(T, link, world.balls, link)
+        for j in range(world.obstacles.shape[0]):
+            if _out_of_reach(world, j, bx, by, bz, world.balls[link, 3] + world.required):
+                continue
+            for i in range(first, last):
+                stretch = _stretch(world, T, twist, spare, i, j)
+                if stretch > longest:
+                    longest = stretch
+                    hint[0], hint[1] = float(i), float(j)
+                    if longest > 0.1:
+                        return longest
+    return longest
+
+
+@inner
+def _stretch(world: World, T: Array, twist: Array, spare: float, i: int, j: int) -> float:
+    link = int(world.spheres[i, 5])
+    x, y, z = _carried(T, link, world.spheres, i)
+    gap = signed_distance(world.obstacles, world.faces, j, x, y, z)[0] - world.spheres[i, 3] - world.required
+    if gap >= -1e-5:
+        return 0.0
+    vx = twist[link, 0] + twist[link, 4] * z - twist[link, 5] * y
+    vy = twist[link, 1] + twist[link, 5] * x - twist[link, 3] * z
+    vz = twist[link, 2] + twist[link, 3] * y - twist[link, 4] * x
+    return (spare - gap) / max(math.sqrt(vx * vx + vy * vy + vz * vz), 1e-6)

@@ -1,0 +1,143 @@
+"""Signed distances from points to convex obstacles, with their gradients: exact outside and inside.
+
+An obstacle is a row of `World.obstacles`; its kind is one of the codes below.
+"""
+
+from __future__ import annotations
+
+import math
+
+from workcell.ik.kernels.options import inner
+from workcell.pose import Array
+
+BOX, BALL, CAPSULE, CYLINDER, ELLIPSOID, HALFSPACE, HULL = range(7)
+Distance = tuple[float, float, float, float]
+"""Signed distance in metres and its gradient."""
+
+
+@inner
+def signed_distance(obstacles: Array, faces: Array, j: int, x: float, y: float, z: float) -> Distance:
+    """From the world point (x, y, z) to obstacle j, with the gradient in the world."""
+    x, y, z = x - obstacles[j, 1], y - obstacles[j, 2], z - obstacles[j, 3]
+    lx = obstacles[j, 4] * x + obstacles[j, 7] * y + obstacles[j, 10] * z
+    ly = obstacles[j, 5] * x + obstacles[j, 8] * y + obstacles[j, 11] * z
+    lz = obstacles[j, 6] * x + obstacles[j, 9] * y + obstacles[j, 12] * z
+    a, b, c = obstacles[j, 13], obstacles[j, 14], obstacles[j, 15]
+    kind = obstacles[j, 0]
+    if kind == BOX:
+        d, u, v, w = _box(lx, ly, lz, a, b, c)
+    elif kind == CYLINDER:
+        d, u, v, w = _cylinder(lx, ly, lz, a, b)
+    elif kind == BALL or kind == CAPSULE:
+        w = lz - min(max(lz, -b), b)
+        r = max(math.sqrt(lx * lx + ly * ly + w * w), 1e-12)
+        d, u, v, w = r - a, lx / r, ly / r, w / r
+    elif kind == HALFSPACE:
+        d, u, v, w = lz, 0.0, 0.0, 1.0
+    elif kind == ELLIPSOID:
+        d, u, v, w = _ellipsoid(lx, ly, lz, a, b, c)
+    else:
+        d, u, v, w = _hull(faces, int(obstacles[j, 17]), int(obstacles[j, 18]), lx, ly, lz)
+    return (
+        d,
+        obstacles[j, 4] * u + obstacles[j, 5] * v + obstacles[j, 6] * w,
+        obstacles[j, 7] * u + obstacles[j, 8] * v + obstacles[j, 9] * w,
+        obstacles[j, 10] * u + obstacles[j, 11] * v + obstacles[j, 12] * w,
+    )
+
+
+@inner
+def _box(x: float, y: float, z: float, a: float, b: float, c: float) -> Distance:
+    ox, oy, oz = abs(x) - a, abs(y) - b, abs(z) - c
+    sx, sy, sz = math.copysign(1.0, x), math.copysign(1.0, y), math.copysign(1.0, z)
+    if ox <= 0 and oy <= 0 and oz <= 0:
+        if ox >= oy and ox >= oz:
+            return ox, sx, 0.0, 0.0
+        if oy >= oz:
+            return oy, 0.0, sy, 0.0
+        return oz, 0.0, 0.0, sz
+    ox, oy, oz = max(ox, 0.0), max(oy, 0.0), max(oz, 0.0)
+    d = math.sqrt(ox * ox + oy * oy + oz * oz)
+    return d, sx * ox / d, sy * oy / d, sz * oz / d
+
+
+@inner
+def _cylinder(x: float, y: float, z: float, radius: float, half: float) -> Distance:
+    r = max(math.sqrt(x * x + y * y), 1e-12)
+    over, above, up = r - radius, abs(z) - half, math.copysign(1.0, z)
+    if over <= 0 or above <= 0:
+        if over >= above:
+            return over, x / r, y / r, 0.0
+        return above, 0.0, 0.0, up
+    d = math.sqrt(over * over + above * above)
+    return d, x / r * over / d, y / r * over / d, up * above / d
+
+
+@inner
+def _ellipsoid(x: float, y: float, z: float, a: float, b: float, c: float) -> Distance:
+    """The foot of the normal is e_i^2 x_i / (t + e_i^2), with sum (e_i x_i / (t + e_i^2))^2 = 1 (Eberly, Distance
+    from a Point to an Ellipsoid, 2013); bisected in s = t + smallest e^2, on a logarithmic scale.
+    """
+    smallest = min(a, b, c) ** 2
+    px, py, pz = max(abs(x), 1e-12), max(abs(y), 1e-12), max(abs(z), 1e-12)
+    da, db, dc = a * a - smallest, b * b - smallest, c * c - smallest
+    low, high = 1e-26, math.sqrt((a * px) ** 2 + (b * py) ** 2 + (c * pz) ** 2)
+    for _ in range(100):
+        s = math.sqrt(low * high)
+        if (a * px / (s + da)) ** 2 + (b * py / (s + db)) ** 2 + (c * pz / (s + dc)) ** 2 > 1.0:
+            low = s
+        else:
+            high = s
+        if high - low < 1e-14 * high:
+            break
+    s = math.sqrt(low * high)
+    fx, fy, fz = a * a * px / (s + da), b * b * py / (s + db), c * c * pz / (s + dc)
+    d = math.sqrt((px - fx) ** 2 + (py - fy) ** 2 + (pz - fz) ** 2)
+    u, v, w = math.copysign(fx / (a * a), x), math.copysign(fy / (b * b), y), math.copysign(fz / (c * c), z)
+    length = math.sqrt(u * u + v * v + w * w)
+    if (px / a) ** 2 + (py / b) ** 2 + (pz / c) ** 2 < 1.0:
+        d = -d
+    return d, u / length, v / length, w / length
+
+
+@inner
+def _hull(faces: Array, first: int, last: int, x: float, y: float, z: float) -> Distance:
+    """Inside: the nearest facet's plane. Outside: the nearest point of the facets that face the point."""
+    depth, nearest = -1e300, 1e300
+    face, u, v, w = first, 0.0, 0.0, 1.0
+    for f in range(first, last):
+        height = faces[f, 0] * x + faces[f, 1] * y + faces[f, 2] * z + faces[f, 3]
+        if height > depth:
+            depth, face = height, f
+        if 0.0 < height < nearest:
+            cx, cy, cz = _nearest_in_triangle(faces, f, x, y, z)
+            d = math.sqrt((x - cx) ** 2 + (y - cy) ** 2 + (z - cz) ** 2)
+            if d < nearest:
+                nearest, u, v, w = d, (x - cx) / d, (y - cy) / d, (z - cz) / d
+    if depth <= 0.0:
+        return depth, faces[face, 0], faces[face, 1], faces[face, 2]
+    return nearest, u, v, w
+
+
+@inner
+def _nearest_in_triangle(faces: Array, f: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Where the plane's foot lies inside, that; otherwise the nearest point of the three edges."""
+    height = faces[f, 0] * x + faces[f, 1] * y + faces[f, 2] * z + faces[f, 3]
+    within, nearest = True, 1e300
+    bx, by, bz = 0.0, 0.0, 0.0
+    for k in range(3):
+        i, j = 4 + 3 * k, 4 + 3 * ((k + 1) % 3)
+        ex, ey, ez = faces[f, j] - faces[f, i], faces[f, j + 1] - faces[f, i + 1], faces[f, j + 2] - faces[f, i + 2]
+        rx, ry, rz = x - faces[f, i], y - faces[f, i + 1], z - faces[f, i + 2]
+        # The inward side of an edge is normal x edge, with corners counter-clockwise about the normal.
+        nx, ny, nz = faces[f, 0], faces[f, 1], faces[f, 2]
+        if (ny * ez - nz * ey) * rx + (nz * ex - nx * ez) * ry + (nx * ey - ny * ex) * rz < 0.0:
+            within = False
+        t = min(max((ex * rx + ey * ry + ez * rz) / (ex * ex + ey * ey + ez * ez), 0.0), 1.0)
+        dx, dy, dz = rx - t * ex, ry - t * ey, rz - t * ez
+        square = dx * dx + dy * dy + dz * dz
+        if square < nearest:
+            nearest, bx, by, bz = square, x - dx, y - dy, z - dz
+    if within:
+        return x - height * faces[f, 0], y - height * faces[f, 1], z - height * faces[f, 2]
+    return bx, by, bz

@@ -76,6 +76,9 @@ class CollisionModel:
         self._pairs = self._pairs[np.array(kept, dtype=bool)]
         self._pad = scene.model.geom_rbound.copy()
         self._pad[self._pad == 0.0] = np.inf
+        self._boxes = scene.model.geom_aabb.copy()
+        self._boxes[np.isinf(self._pad), 3:] = np.inf
+        self._reach = self._pad[self._pairs].sum(axis=1)
         self._fromto = np.zeros(6)
 
     @property
@@ -106,11 +109,11 @@ class CollisionModel:
         best, nearest, points = limit, (-1, -1), np.zeros((2, 3))
         if len(self._pairs) == 0:
             return Distance(limit, ("", ""), points)
-        bounds = self._lower_bounds()
+        candidates, bounds = self._lower_bounds(limit)
         for k in np.argsort(bounds):
             if bounds[k] >= best:
                 break
-            a, b = (int(g) for g in self._pairs[k])
+            a, b = (int(g) for g in candidates[k])
             distance = self._mujoco.mj_geomDistance(model, data, a, b, best, self._fromto)
             if distance < best:
                 best, nearest = distance, (a, b)
@@ -118,12 +121,30 @@ class CollisionModel:
         names = (geom_name(model, nearest[0]), geom_name(model, nearest[1])) if nearest[0] >= 0 else ("", "")
         return Distance(float(best), names, points)
 
-    def _lower_bounds(self) -> Array:
-        """Bounding-sphere lower bounds of every pair's distance; -inf for planes, which have no bounding sphere."""
-        a, b = self._pairs[:, 0], self._pairs[:, 1]
-        centre = self._data.geom_xpos
-        gaps: Array = np.linalg.norm(centre[a] - centre[b], axis=1) - self._pad[a] - self._pad[b]
-        return gaps
+    def _lower_bounds(self, limit: float) -> tuple[NDArray[np.int64], Array]:
+        """The pairs that may have the smallest distance, and lower bounds of it, from bounding spheres and boxes.
+
+        Two bounding spheres give a bound that holds for overlapping geoms too; planes have none. The distance between
+        one geom's bounding sphere and the other's bounding box is often larger (a board's sphere is huge); it counts
+        where it is positive. The distance of two centres, which lie inside their convex geoms, is an upper bound.
+        """
+        centre, radius = self._data.geom_xpos, self._pad
+        apart = np.linalg.norm(centre[self._pairs[:, 0]] - centre[self._pairs[:, 1]], axis=1)
+        spheres = apart - self._reach
+        near = spheres < min(limit, float(apart.min()))
+        pairs, spheres = self._pairs[near], spheres[near]
+        a, b = pairs[:, 0], pairs[:, 1]
+        boxes = np.maximum(self._to_box(centre[a], b) - radius[a], self._to_box(centre[b], a) - radius[b])
+        bounds: Array = np.where(boxes > 0, np.maximum(spheres, boxes), spheres)
+        return pairs, bounds
+
+    def _to_box(self, points: Array, geoms: NDArray[np.int64]) -> Array:
+        """Distances (k,) of points (k, 3) to the bounding boxes of as many geoms."""
+        R = self._data.geom_xmat[geoms].reshape(-1, 3, 3)
+        local = np.einsum("kji,kj->ki", R, points - self._data.geom_xpos[geoms])
+        box = self._boxes[geoms]
+        outside: Array = np.linalg.norm(np.maximum(np.abs(local - box[:, :3]) - box[:, 3:], 0.0), axis=1)
+        return outside
 
 
 def geom_name(model: object, geom: int) -> str:

@@ -114,7 +114,7 @@ class CollisionModel:
             if bounds[k] >= best:
                 break
             a, b = (int(g) for g in candidates[k])
-            distance = self._mujoco.mj_geomDistance(model, data, a, b, best, self._fromto)
+            distance = self._mujoco.mj_geomDistance(model, data, a, b, max(best, 0.0), self._fromto)
             if distance < best:
                 best, nearest = distance, (a, b)
                 points = self._fromto.reshape(2, 3).copy()

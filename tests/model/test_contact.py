@@ -56,7 +56,7 @@ def test_bounds_lose_no_pair(scene):
         assert found.distance == pytest.approx(min(every.values()), abs=1e-9)
         assert every[found.pair] == pytest.approx(found.distance, abs=1e-9)
         nearest |= set(found.pair)
-    assert {"floor", "board", "wedge", "rod"} <= nearest
+    assert {"floor", "board", "wedge"} <= nearest
 
 
 def test_a_pair_that_may_touch_does_not_count(scene):

@@ -8,6 +8,7 @@ columns with off-diagonal entries times sqrt(2) (`svec`), so that inner products
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -75,10 +76,22 @@ def _project_soc(point: Array) -> Array:
     return np.concatenate([[scale], scale * v / norm])
 
 
+@lru_cache(maxsize=16)
 def triangle(order: int) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
     """Row and column of each entry of a PSD triangle, and its factor (1 or sqrt 2)."""
     columns, rows = np.tril_indices(order)
     return rows, columns, np.where(rows == columns, 1.0, np.sqrt(2.0))
+
+
+@lru_cache(maxsize=16)
+def _square(order: int) -> tuple[NDArray[np.int64], Array]:
+    """For each entry of a symmetric matrix (order, order): its place in the triangle, and the inverse factor."""
+    rows, columns, factor = triangle(order)
+    place, inverse = np.zeros((order, order), dtype=np.int64), np.zeros((order, order))
+    for k, (i, j) in enumerate(zip(rows, columns, strict=True)):
+        place[i, j] = place[j, i] = k
+        inverse[i, j] = inverse[j, i] = 1.0 / factor[k]
+    return place, inverse
 
 
 def svec(matrix: Array) -> Array:
@@ -90,10 +103,8 @@ def svec(matrix: Array) -> Array:
 
 def smat(vector: Array, order: int) -> Array:
     """Symmetric matrices (..., order, order) of PSD triangles (..., k)."""
-    rows, columns, factor = triangle(order)
-    matrix = np.zeros((*vector.shape[:-1], order, order))
-    matrix[..., rows, columns] = vector / factor
-    matrix[..., columns, rows] = vector / factor
+    place, inverse = _square(order)
+    matrix: Array = vector[..., place] * inverse
     return matrix
 
 
@@ -168,7 +179,8 @@ def _settings(tolerance: float) -> Any:
     settings.max_threads = 1
     # rows and variables are of order one; without scaling an answer can't depend on earlier problems' numbers
     settings.equilibrate_enable = False
-    settings.iterative_refinement_max_iter = 1
+    # the polish and the certificate's own check make up for the digits that refinement would add
+    settings.iterative_refinement_enable = False
     settings.max_iter = 60
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
     return settings

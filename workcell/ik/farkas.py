@@ -100,14 +100,16 @@ def check_farkas(problem: IKProblem, certificate: Certificate) -> str | None:
         return f"it is of kind {certificate.kind!r}, not 'farkas'"
     if certificate.problem_hash != problem_hash(problem):
         return "it belongs to another problem"
-    tolerance = _numbers(certificate, "tolerance", 2)
+    tolerance = numbers(certificate, "tolerance", 2)
     allowed = problem.tolerances
     if tolerance is None or tolerance[0] < allowed.position or tolerance[1] < allowed.rotation:
         return "it does not cover the problem's tolerances"
     if certificate.scope == "kinematics":
         return _check_kinematics(problem, certificate, tolerance)
     if certificate.scope == "model":
-        return "no model"
+        from workcell.ik.ikspark_cuboids import check_model
+
+        return check_model(problem, certificate, tolerance)
     return f"a farkas certificate can't be of scope {certificate.scope!r}"
 
 
@@ -116,7 +118,7 @@ def _check_kinematics(problem: IKProblem, certificate: Certificate, tolerance: A
         relaxation = relaxation_of(problem)
     except InputError as error:
         return str(error)
-    ray = _numbers(certificate, "ray", relaxation.head)
+    ray = numbers(certificate, "ray", relaxation.head)
     if ray is None:
         return "its ray is missing, damaged or of the wrong length"
     if (
@@ -130,7 +132,8 @@ def _check_kinematics(problem: IKProblem, certificate: Certificate, tolerance: A
     return None
 
 
-def _numbers(certificate: Certificate, name: str, size: int) -> Array | None:
+def numbers(certificate: Certificate, name: str, size: int) -> Array | None:
+    """A certificate's vector of that name, or None unless it has that size and is finite."""
     values = certificate.data.get(name)
     if values is None or values.shape != (size,) or not np.all(np.isfinite(values)):
         return None

@@ -13,13 +13,22 @@ from contextlib import ExitStack
 import numpy as np
 
 from workcell.ik.certificate import Certificate
+from workcell.ik.elementary import prove_impossible
 from workcell.ik.farkas import certify_kinematics
+from workcell.ik.ikspark_cuboids import (
+    CuboidSet,
+    certify_homeless,
+    certify_model,
+    reachable_pairs,
+    sphere_maps,
+)
 from workcell.ik.ikspark_obstacles import Avoidance
-from workcell.ik.instance import Instance, instance_of
-from workcell.ik.lift import Lift
+from workcell.ik.instance import Instance, instance_of, relaxation_of
+from workcell.ik.lift import Lift, goal_vector
 from workcell.ik.polish import Polished, polish
 from workcell.ik.problem import Budget, IKProblem
-from workcell.ik.rank import Iterate, ascend
+from workcell.ik.rank import ConvexSet, Iterate, ascend
+from workcell.ik.relaxation import Interval
 from workcell.ik.result import Candidate
 from workcell.ik.verify import Verifier
 from workcell.pose import Array
@@ -28,6 +37,8 @@ MAX_POLISH = 1e-2
 """Radians by which polish may move a joint for the answer to count as the convex method's own."""
 LOCAL_STEPS = 40
 """Levenberg-Marquardt steps from the angles of an iterate (`ikspark+lm`)."""
+CUBOIDS_AFTER = 8
+"""Restarts with half-spaces before free-space cuboids, where the problem has some, take turns with them."""
 MOST_FAILURES = 3
 """Solves without a point and without a ray after which the solver gives up."""
 NEAR_MISSES = 5
@@ -64,7 +75,13 @@ class Search:
         self.stats = dict.fromkeys(("sdps", "restarts", "rank_one", "rank_gap", "moved"), 0.0)
         self.error: str | None = None
         self.last = Iterate(None)
+        self.halfway = 0.5 * (time.process_time() + deadline)
+        self._goal, self._interval = goal_vector(problem.T_base_tool), Interval.of(problem)
         self._fresh = True
+        self._turns = 0
+        self._bounds_tried = False
+        self._cuboid_set: CuboidSet | None = None
+        self._model_proof: Certificate | None = None
 
     def over(self) -> bool:
         """Whether the budget is spent."""
@@ -81,51 +98,95 @@ class Search:
             if instance.interval.empty:
                 self.note("q_reference lies farther outside the joint limits than max_step")
                 return self.result(None)
-            proof = (
-                None
-                if instance.contradiction is None
-                else certify_kinematics(self.problem, instance.contradiction)
-            )
+            if instance.contradiction is not None:
+                proof = certify_kinematics(self.problem, instance.contradiction)
+                if proof is not None:
+                    return self.result(None, proof)
             avoidance = Avoidance.of(self.problem, instance, stack)
-            if proof is None and avoidance is not None:
-                proof = avoidance.blocked()
             failures = 0
-            while proof is None and failures < MOST_FAILURES and not self.over():
-                q = self.attempt(instance, self._direction(instance.relaxation.lift))
+            while not self.over() and failures < MOST_FAILURES:
+                convex = self._next_set(instance)
+                q = self.attempt(convex, self._direction(instance.lift))
                 if q is None and avoidance is not None and self.last.x is not None:
                     q = avoidance.search(self, self.last.x)
-                if q is not None:
-                    return self.result(q)
-                if self.last.ray is not None:
-                    return self._emptied(self.last.ray)
-                failures += self.last.x is None
+                proof = None if q is not None else self._proof(convex is instance)
+                if q is not None or proof is not None:
+                    return self.result(q, proof)
+                failures = failures + 1 if self.last.x is None and convex is instance else 0
             if failures == MOST_FAILURES:
                 self.error = "Clarabel found neither a point of the relaxation nor a proof that it is empty"
-            return self.result(None, proof)
+            return self.result(None, self._model_proof)
 
-    def attempt(self, instance: Instance, direction: Array) -> Array | None:
+    def _next_set(self, instance: Instance) -> ConvexSet:
+        """The relaxation itself, or in turns with it, after some restarts, the one with cuboids."""
+        if self.stats["restarts"] < CUBOIDS_AFTER or self._turns % 2:
+            self._turns += 1
+            return instance
+        self._turns += 1
+        return self._cuboids(instance) or instance
+
+    def _proof(self, plain: bool) -> Certificate | None:
+        """A proof that the last attempt, on the plain relaxation or not, gave rise to."""
+        if plain and self.last.ray is not None:
+            proof = certify_kinematics(self.problem, self.last.ray)
+            if proof is None:
+                self.note("the relaxation is empty, but not by the margin that the tolerances need")
+            return proof
+        if self.problem.obstacles and not self._bounds_tried:
+            # spheres of the last link are where the target puts them: no search is needed to see them collide
+            self._bounds_tried = True
+            return prove_impossible(self.problem)
+        return self._model_proof if time.process_time() > self.halfway else None
+
+    def attempt(self, convex: ConvexSet, direction: Array) -> Array | None:
         """One ascent; the configuration (n,) at its end when that solves the problem. `last` is where it ended."""
         self.stats["restarts"] += 1
-        for iterate in ascend(instance, direction):
+        for iterate in ascend(convex, direction):
             self.stats["sdps"] += 1
             self.last = iterate
             if iterate.x is None:
                 break
             if self.local and not iterate.rank_one:
-                q = self._accept(polish(self.problem, self._angles(instance, iterate.x), steps=LOCAL_STEPS))
+                q = self._accept(polish(self.problem, self._angles(iterate.x), steps=LOCAL_STEPS))
                 if q is not None:
                     return q
             if iterate.rank_one:
-                return self._read(instance, iterate)
+                return self._read(iterate)
             if self.over():
                 break
         return None
 
-    def _read(self, instance: Instance, iterate: Iterate) -> Array | None:
+    def _cuboids(self, instance: Instance) -> CuboidSet | None:
+        """The set with every sphere in a free-space cuboid; None without cuboids, or once it is known to be empty.
+
+        A proof that it is empty is kept until half the budget is spent: the true obstacles may leave more room.
+        """
+        problem = self.problem
+        if (
+            problem.free_space is None
+            or problem.cover is None
+            or not problem.obstacles
+            or self._model_proof is not None
+        ):
+            return None
+        if self._cuboid_set is None:
+            pairs = reachable_pairs(problem, problem.free_space)
+            if not pairs.allowed.any(axis=1).all():
+                self._model_proof = certify_homeless(problem)
+                return None
+            maps = sphere_maps(instance.lift, problem, pairs.sphere)
+            self._cuboid_set = CuboidSet(instance, pairs, maps)
+            root = self._cuboid_set.solve(np.zeros(instance.lift.size))
+            self.stats["sdps"] += 1
+            if root.status == "infeasible":
+                self._model_proof = certify_model(problem, root.z)
+        return self._cuboid_set if self._model_proof is None else None
+
+    def _read(self, iterate: Iterate) -> Array | None:
         """The configuration of a rank-1 point, polished and judged."""
         assert iterate.x is not None
         self.stats["rank_one"] += 1
-        polished = polish(self.problem, self._angles(instance, iterate.x))
+        polished = polish(self.problem, self._angles(iterate.x))
         if polished.moved > MAX_POLISH and not self.local:
             self.note(f"polish moved a joint by {polished.moved:.2g} rad from a rank-1 point")
             return None
@@ -143,9 +204,9 @@ class Search:
             return None
         return polished.q
 
-    def _angles(self, instance: Instance, x: Array) -> Array:
-        angles = instance.relaxation.lift.angles(x, instance.goal)
-        return self.problem.robot.unwrap(angles, instance.interval.middle)
+    def _angles(self, x: Array) -> Array:
+        lift = relaxation_of(self.problem).lift
+        return self.problem.robot.unwrap(lift.angles(x, self._goal), self._interval.middle)
 
     def _direction(self, lift: Lift) -> Array:
         """The reference's own lift first, then random directions."""
@@ -153,12 +214,6 @@ class Search:
         if first and self.problem.q_reference is not None:
             return lift.lift(self.problem.q_reference)
         return self.rng.standard_normal(lift.size)
-
-    def _emptied(self, ray: Array) -> Candidate:
-        certificate = certify_kinematics(self.problem, ray)
-        if certificate is None:
-            self.note("the relaxation is empty, but not by the margin that the tolerances need")
-        return self.result(None, certificate)
 
     def note(self, reason: str) -> None:
         """Keep a reason for the report."""

@@ -1,4 +1,8 @@
-"""Obstacles in IKSPARK's convex set: half-spaces that spheres must stay in, and the cuboid relaxation of section VII."""
+"""Obstacles in IKSPARK's convex set: half-spaces that spheres must stay in, added where they collide.
+
+Two convex bodies are apart exactly when a plane parts them. Where a sphere collides at a point of the set, the plane
+that touches the obstacle nearest to the sphere's centre is demanded as a half-space, and the ascent goes on.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workcell.geometry.clearance import ObstacleArrays
-from workcell.ik.certificate import Certificate
 from workcell.ik.instance import Instance, instance_of
 from workcell.ik.problem import IKProblem
 from workcell.ik.rank import linearise
@@ -35,7 +38,7 @@ class Avoidance:
     def __init__(self, problem: IKProblem, instance: Instance, stack: ExitStack) -> None:
         assert problem.cover is not None
         self.problem = problem
-        cover, lift = problem.cover, instance.relaxation.lift
+        cover, lift = problem.cover, instance.lift
         base = problem.robot.T_world_base
         points = np.stack([lift.point(int(k), c) for k, c in zip(cover.link, cover.centre, strict=True)])
         self.centres = np.einsum("ab,mbx->max", base.rotation, points @ instance.goal)
@@ -44,7 +47,7 @@ class Avoidance:
         self.movable = np.any(np.abs(self.centres[:, :, :-1]) > 1e-9, axis=(1, 2))
         self.obstacles = ObstacleArrays(problem.obstacles)
         self._stack = stack
-        self._instance: Instance | None = None
+        self._instances: dict[int, Instance] = {}
 
     @staticmethod
     def of(problem: IKProblem, instance: Instance, stack: ExitStack) -> Avoidance | None:
@@ -53,22 +56,17 @@ class Avoidance:
             return None
         return Avoidance(problem, instance, stack)
 
-    def blocked(self) -> Certificate | None:
-        """A proof by spheres whose place the target alone determines."""
-        return None
-
     def search(self, search: Search, x: Array) -> Array | None:
         """Add half-spaces where spheres collide and ascend again, a few times."""
-        if self._instance is None:
-            self._instance = self._stack.enter_context(instance_of(self.problem, halfspaces=SLOTS))
         planes = np.zeros((0, self.centres.shape[-1]))
         for _ in range(ROUNDS):
             added = self.planes(x, search.rng)
             if not len(added):
                 return None
             planes = np.vstack([planes, added])[-SLOTS:]
-            self._instance.set_halfspaces(planes)
-            q = search.attempt(self._instance, linearise(self._instance.relaxation.lift, x)[1])
+            instance = self._instance_for(len(planes))
+            instance.set_halfspaces(planes)
+            q = search.attempt(instance, linearise(instance.lift, x)[1])
             if q is not None:
                 return q
             last, search.last = search.last, search.last.__class__(x)
@@ -76,6 +74,13 @@ class Avoidance:
                 return None
             x = last.x
         return None
+
+    def _instance_for(self, planes: int) -> Instance:
+        """The relaxation with room for that many half-spaces, in steps of four: empty slots cost time."""
+        slots = 4 * -(-planes // 4)
+        if slots not in self._instances:
+            self._instances[slots] = self._stack.enter_context(instance_of(self.problem, halfspaces=slots))
+        return self._instances[slots]
 
     def planes(self, x: Array, rng: np.random.Generator) -> Array:
         """(k, N + 1) half-spaces that part the deepest colliding sphere of each obstacle from it, at the point x."""

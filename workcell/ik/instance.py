@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.errors import InputError
-from workcell.ik.conic import ConicSolution, ConicSolver
+from workcell.ik.conic import Cones, ConicSolution, ConicSolver
 from workcell.ik.lift import Lift, goal_vector
 from workcell.ik.problem import IKProblem
 from workcell.ik.relaxation import Interval, Relaxation
@@ -77,6 +77,16 @@ class Instance:
         if self.relaxation.deficient:
             self._reduce()
 
+    @property
+    def lift(self) -> Lift:
+        """The meaning of the variables."""
+        return self.relaxation.lift
+
+    @property
+    def solved_cones(self) -> Cones:
+        """Of the rows as solved: without dependent equalities."""
+        return self._structure.cones
+
     def _reduce(self) -> None:
         """Replace dependent equalities by an orthonormal basis of their row combinations; note a contradiction."""
         zero, rank = self.relaxation.cones.zero, self.relaxation.rank
@@ -98,8 +108,13 @@ class Instance:
         self.head[first : first + len(rows)] = rows
         self._stale = True
 
-    def _numbers(self) -> tuple[Array, Array]:
+    def numbers(self) -> tuple[Array, Array]:
+        """A (rows, N) and b (rows,) as solved."""
         A, b = self.relaxation.dense(self.head)
+        return self.independent(A, b)
+
+    def independent(self, A: Array, b: Array) -> tuple[Array, Array]:
+        """The rows with dependent equalities replaced by independent combinations, where there are such."""
         if self._basis is None:
             return A, b
         zero = self.relaxation.cones.zero
@@ -112,7 +127,7 @@ class Instance:
         values: Array | None = None
         b: Array | None = None
         if self._stale:
-            A, b = self._numbers()
+            A, b = self.numbers()
             fresh = False
             if self._solver is None:
                 self._solver, fresh = self._structure.solver(A, b)
@@ -123,10 +138,14 @@ class Instance:
         assert self._solver is not None  # set on the first solve, which is always stale
         self.solves += 1
         solution = self._solver.solve(q, b=b, values=values)
+        return solution if self._basis is None else replace(solution, z=self.original(solution.z))
+
+    def original(self, z: Array) -> Array:
+        """A dual over the rows as solved, over the relaxation's own rows."""
         if self._basis is None:
-            return solution
+            return z
         rank = self.relaxation.rank
-        return replace(solution, z=np.concatenate([self._basis @ solution.z[:rank], solution.z[rank:]]))
+        return np.concatenate([self._basis @ z[:rank], z[rank:]])
 
     def release(self) -> None:
         """Hand the solver back for the next problem of this structure."""

@@ -114,6 +114,8 @@ class Lift:
                 where=robot.name,
                 remedy="pass robot.chain(tool)",
             )
+        self._frames = np.stack([frame_with_z(axis) for axis in robot.axis])
+        self._parent_frames = robot.joint_rotation @ self._frames
         planar = _planar_links(robot)
         links = range(1, max(robot.dof, 2))
         self.balls = tuple(k for k in links if k not in planar)
@@ -234,14 +236,9 @@ class Lift:
         """Joint angles (n,) in (-pi, pi] read from a point x near rank 1."""
         coefficients = self.at(self.rotations, goal)
         R = coefficients[..., :-1] @ x + coefficients[..., -1]
-        frames = _joint_frames(self.robot)
-        M = np.einsum("kba,kcb,kcd,kde->kae", frames, R[:-1] @ self.robot.joint_rotation, R[1:], frames)
+        M = np.swapaxes(R[:-1] @ self._parent_frames, -1, -2) @ R[1:] @ self._frames
         angles: Array = np.arctan2(M[:, 1, 0] - M[:, 0, 1], M[:, 0, 0] + M[:, 1, 1])
         return angles
-
-
-def _joint_frames(robot: Robot) -> Array:
-    return np.stack([frame_with_z(axis) for axis in robot.axis])
 
 
 def _quaternions(R: Array) -> Array:

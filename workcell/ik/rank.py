@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from workcell.ik.conic import smat, svec
-from workcell.ik.instance import Instance
+from workcell.ik.conic import ConicSolution, smat, svec
 from workcell.ik.lift import Lift
 from workcell.pose import Array
 
@@ -19,6 +19,19 @@ RANK_GAP = 1e-5
 SLOW = 0.9
 """An ascent is given up when a step leaves more than this share of the summed rank gaps."""
 LONGEST = 30
+
+
+class ConvexSet(Protocol):
+    """What an ascent needs to know: the lifted variables, and the minimiser of a linear function of them."""
+
+    @property
+    def lift(self) -> Lift:
+        """The meaning of the variables."""
+        ...
+
+    def solve(self, q: Array) -> ConicSolution:
+        """Minimise q.x over the set, x (N,)."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,18 +67,18 @@ def linearise(lift: Lift, x: Array) -> tuple[Array, Array]:
     return np.concatenate([1.0 - values[:, -1], 1.0 - radius]), gradient
 
 
-def ascend(instance: Instance, direction: Array) -> Iterator[Iterate]:
+def ascend(convex: ConvexSet, direction: Array) -> Iterator[Iterate]:
     """Algorithm 1 with Problem 3, from the point farthest along `direction` (N,); ends at rank 1 or when it is slow."""
     before = np.inf
     for step in range(LONGEST):
-        solution = instance.solve(-direction)
+        solution = convex.solve(-direction)
         if solution.status == "infeasible":
             yield Iterate(None, ray=solution.z)
             return
         if not solution.usable:
             yield Iterate(None)
             return
-        gaps, direction = linearise(instance.relaxation.lift, solution.x)
+        gaps, direction = linearise(convex.lift, solution.x)
         iterate = Iterate(solution.x, float(gaps.max(initial=0.0)))
         yield iterate
         left = float(gaps.sum())

@@ -1,0 +1,248 @@
+"""IKSPARK's obstacle model (section VII): every sphere inside one of several cuboids, relaxed by perspectives.
+
+The relaxation (69), (71) holds, for one sphere, exactly the convex hull of its cuboids. Pairs of sphere and cuboid
+that cannot meet are dropped first by distances along the chain, then, where it pays, one by one (Problem 7).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workcell.errors import InputError
+from workcell.geometry.types import FreeSpace
+from workcell.ik.certificate import Certificate, problem_hash
+from workcell.ik.conic import Cones, ConicSolution, ConicSolver
+from workcell.ik.farkas import ROUNDING, dual_head, growth, numbers, support
+from workcell.ik.instance import Instance, instance_of, relaxation_of
+from workcell.ik.lift import Lift, goal_vector
+from workcell.ik.problem import IKProblem
+from workcell.ik.relaxation import Interval
+from workcell.pose import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """Which cuboids each moving sphere may be in.
+
+    Attributes:
+        sphere: (m,) indices into the cover of the spheres that joints move.
+        lower, upper: (m, k, 3) where the centre of a sphere is when it lies in a cuboid; world frame.
+        allowed: (m, k) pairs that are not ruled out.
+    """
+
+    sphere: NDArray[np.int64]
+    lower: Array
+    upper: Array
+    allowed: NDArray[np.bool_]
+
+
+def reachable_pairs(problem: IKProblem, free_space: FreeSpace) -> Pairs:
+    """Pairs that the triangle inequality along the chain allows, from the base and from the target.
+
+    The target may move by the problem's tolerances, so that a dropped pair is impossible for all that counts as
+    reaching it.
+    """
+    cover, robot = problem.cover, problem.robot
+    assert cover is not None
+    sphere = np.flatnonzero(cover.link > 0)
+    needed = (cover.radius[sphere] + problem.tolerances.safety_margin)[:, None, None]
+    lower, upper = free_space.lower[None] + needed, free_space.upper[None] - needed
+    allowed = np.all(lower <= upper, axis=-1)
+    link, local = cover.link[sphere], cover.centre[sphere]
+    length = np.linalg.norm(robot.joint_xyz, axis=1)
+    first = robot.T_world_base.apply(robot.joint_xyz[0])
+    along = np.concatenate([[0.0], np.cumsum(length[1:])])
+    from_base = along[link - 1] + np.linalg.norm(local, axis=1)
+    tool = robot.tool().T_link_tool
+    last = (problem.target @ tool.inverse()).position
+    next_joint = np.vstack([robot.joint_xyz[1:], np.zeros(3)])[link - 1]
+    beyond = np.concatenate([np.cumsum(length[:0:-1])[::-1], [0.0, 0.0]])[link]
+    from_goal = np.linalg.norm(next_joint - local, axis=1) + beyond
+    from_goal += problem.tolerances.position + problem.tolerances.rotation * float(
+        np.linalg.norm(tool.position)
+    )
+    for anchor, radius in ((first, from_base), (last, from_goal)):
+        outside = np.maximum(np.maximum(lower - anchor, anchor - upper), 0.0)
+        allowed &= np.linalg.norm(outside, axis=-1) <= radius[:, None] + 1e-9
+    return Pairs(sphere, lower, upper, allowed)
+
+
+def meeting_pairs(problem: IKProblem, pairs: Pairs, centres: Array) -> Pairs:
+    """Problem 7: drop every pair whose sphere alone can't be brought into its cuboid; centres (m, 3, N + 1)."""
+    allowed = pairs.allowed.copy()
+    with instance_of(problem, halfspaces=8) as instance:
+        for j, i in np.argwhere(pairs.allowed):
+            above, below = centres[j].copy(), -centres[j]
+            above[:, -1] -= pairs.lower[j, i]
+            below[:, -1] += pairs.upper[j, i]
+            instance.set_halfspaces(np.vstack([above, below]))
+            allowed[j, i] = instance.solve(np.zeros(instance.lift.size)).status != "infeasible"
+    return replace(pairs, allowed=allowed)
+
+
+def sphere_maps(lift: Lift, problem: IKProblem, spheres: NDArray[np.int64]) -> Array:
+    """(m, 3, N + 1, 13) world centres of spheres."""
+    cover, base = problem.cover, problem.robot.T_world_base
+    assert cover is not None
+    points = np.stack([lift.point(int(cover.link[j]), cover.centre[j]) for j in spheres])
+    maps: Array = np.einsum("ab,mbxg->maxg", base.rotation, points)
+    maps[:, :, -1, 0] += base.position
+    return maps
+
+
+class CuboidSet:
+    """The relaxation with every sphere in its cuboids; a convex set as `rank.ascend` takes it.
+
+    Variables are x and, for every allowed pair, z (3) and delta. The copies p of the paper are redundant.
+    """
+
+    def __init__(self, instance: Instance, pairs: Pairs, maps: Array, *, tolerance: float = 1e-6) -> None:
+        self._instance, self._pairs = instance, pairs
+        self.empty_sphere = (
+            int(np.argmin(pairs.allowed.any(axis=1))) if not pairs.allowed.any(axis=1).all() else -1
+        )
+        if self.empty_sphere < 0:
+            self._solver = self._build(maps @ instance.goal, tolerance)
+
+    @property
+    def lift(self) -> Lift:
+        """The meaning of x."""
+        return self._instance.lift
+
+    def _build(self, centres: Array, tolerance: float) -> ConicSolver:
+        from scipy.sparse import csc_matrix
+
+        pairs, N = self._pairs, self.lift.size
+        m = len(pairs.sphere)
+        sphere, cuboid = np.nonzero(pairs.allowed)
+        count = len(sphere)
+        A0, b0 = self._instance.independent(*self._instance.relaxation.dense(self._instance.head))
+        cones = self._instance.solved_cones
+        zero, nonneg = cones.zero, cones.nonneg
+        width = N + 4 * count
+        link, one = np.zeros((3 * m, width)), np.zeros((m, width))
+        link[:, :N] = centres[..., :-1].reshape(-1, N)
+        z = N + 4 * np.arange(count)
+        for axis in range(3):
+            link[3 * sphere + axis, z + axis] = -1.0
+        one[sphere, z + 3] = 1.0
+        inside = np.zeros((6 * count, width))
+        for axis in range(3):
+            for side, bound, sign in ((0, pairs.lower, -1.0), (1, pairs.upper, 1.0)):
+                row = 6 * np.arange(count) + 2 * axis + side
+                inside[row, z + axis] = sign
+                inside[row, z + 3] = -sign * bound[sphere, cuboid, axis]
+        base = np.hstack([A0, np.zeros((len(A0), width - N))])
+        A = np.vstack([base[:zero], link, one, base[zero : zero + nonneg], inside, base[zero + nonneg :]])
+        b = np.concatenate(
+            [
+                b0[:zero],
+                -centres[..., -1].ravel(),
+                np.ones(m),
+                b0[zero : zero + nonneg],
+                np.zeros(6 * count),
+                b0[zero + nonneg :],
+            ]
+        )
+        self._spans = (zero, 4 * m, nonneg, 6 * count)
+        grown = Cones(zero + 4 * m, nonneg + 6 * count, cones.soc, cones.psd)
+        return ConicSolver(csc_matrix(A), b, grown, tolerance=tolerance)
+
+    def solve(self, q: Array) -> ConicSolution:
+        """Minimise q.x; `z` is over the relaxation's rows, followed by the multipliers (3 m,) of the spheres' places."""
+        N = self.lift.size
+        padded = np.concatenate([q, np.zeros(4 * int(self._pairs.allowed.sum()))])
+        solution = self._solver.solve(padded)
+        zero, tied, nonneg, inside = self._spans
+        z, m = solution.z, len(self._pairs.sphere)
+        own = np.concatenate(
+            [z[:zero], z[zero + tied : zero + tied + nonneg], z[zero + tied + nonneg + inside :]]
+        )
+        places = z[zero : zero + 3 * m]
+        return replace(solution, x=solution.x[:N], z=np.concatenate([self._instance.original(own), places]))
+
+
+def certify_model(problem: IKProblem, z: Array) -> Certificate | None:
+    """A certificate of scope `model` from a ray as `CuboidSet.solve` returns it, or None if it is too weak."""
+    relaxation = relaxation_of(problem)
+    rows = relaxation.cones.rows
+    head = relaxation.cones.project_dual(z[:rows])[: relaxation.head]
+    # Clarabel's rows say A x + s = b: the multiplier of an equality `value = 0` enters with its sign turned
+    places = -z[rows:]
+    norm = float(np.linalg.norm(np.concatenate([head, places])))
+    if norm == 0.0:
+        return None
+    return _issue(problem, head / norm, (places / norm).reshape(-1, 3))
+
+
+def certify_homeless(problem: IKProblem) -> Certificate | None:
+    """A certificate of scope `model` where some sphere can reach no cuboid at all, or None."""
+    relaxation = relaxation_of(problem)
+    spheres = int(np.count_nonzero(problem.cover.link > 0)) if problem.cover is not None else 0
+    return _issue(problem, np.zeros(relaxation.head), np.zeros((spheres, 3)))
+
+
+def _issue(problem: IKProblem, ray: Array, places: Array) -> Certificate | None:
+    tolerance = np.array([problem.tolerances.position, problem.tolerances.rotation])
+    margin = _margin(problem, ray, places, tolerance)
+    if not margin > 0.0:
+        return None
+    statement = (
+        f"No configuration that brings the tool within {1e3 * tolerance[0]:g} mm and {tolerance[1]:g} rad of the target "
+        "has every sphere of the cover inside one of the free-space cuboids."
+    )
+    data = {"ray": ray, "places": places, "tolerance": tolerance}
+    return Certificate("farkas", "model", statement, margin, problem_hash(problem), data)
+
+
+def check_model(problem: IKProblem, certificate: Certificate, tolerance: Array) -> str | None:
+    """Why a `farkas` certificate of scope `model` does not hold, or None when it does."""
+    if problem.free_space is None or problem.cover is None:
+        return "the problem has no free-space cuboids, or no spheres to be in them"
+    try:
+        relaxation = relaxation_of(problem)
+    except InputError as error:
+        return str(error)
+    ray, places = numbers(certificate, "ray", relaxation.head), certificate.data.get("places")
+    if ray is None or places is None or places.shape != (int(np.count_nonzero(problem.cover.link > 0)), 3):
+        return "its ray is missing, damaged or of the wrong length"
+    if not np.all(np.isfinite(places)):
+        return "its ray is not finite"
+    norm = float(np.linalg.norm(ray))
+    if (
+        norm > 0
+        and np.abs(norm * dual_head(relaxation, np.append(ray, np.zeros(len(relaxation.tail_b)))) - ray).max()
+        > ROUNDING
+    ):
+        return "its ray is not in the dual cone"
+    margin = _margin(problem, ray, places, tolerance)
+    return None if margin > 0.0 else f"its ray does not prove the claim: margin {margin:.3g}"
+
+
+def _margin(problem: IKProblem, ray: Array, places: Array, tolerance: Array) -> float:
+    """By how much `ray . S (x, 1) + sum_j places_j . (c_j(x) - p_j)` stays below zero, p_j in the cuboids of j.
+
+    The value is at least zero at a configuration with every sphere in a cuboid. A sphere with no cuboid in reach is
+    a proof by itself: the margin is then 1.
+    """
+    assert problem.free_space is not None
+    allowed_problem = replace(
+        problem,
+        tolerances=replace(problem.tolerances, position=float(tolerance[0]), rotation=float(tolerance[1])),
+    )
+    pairs = reachable_pairs(allowed_problem, problem.free_space)
+    if not pairs.allowed.any(axis=1).all():
+        return 1.0
+    relaxation = relaxation_of(problem)
+    lift = relaxation.lift
+    tensor = relaxation.tensor(Interval.of(problem), problem)
+    M = np.einsum("r,rxg->xg", ray, tensor) + np.einsum(
+        "ma,maxg->xg", places, sphere_maps(lift, problem, pairs.sphere)
+    )
+    worst = -np.where(places[:, None, :] > 0, pairs.lower, pairs.upper) * places[:, None, :]
+    reach = np.where(pairs.allowed, worst.sum(axis=-1), -np.inf).max(axis=1)
+    value = support(lift, M @ goal_vector(problem.T_base_tool)) + float(reach.sum())
+    return -value - growth(lift, M, float(tolerance[0]), float(tolerance[1])) - ROUNDING

@@ -1,0 +1,72 @@
+"""Intersections of an interval with the arcs on which a cosine lies in a band."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from workcell.ik.branch_kernels.state import SLACK, kernel
+
+_TURN = 2.0 * np.pi
+
+
+@kernel
+def gap_before(u: float, inner: float, outer: float) -> float:
+    """How far to go up from `u` in [0, 2 pi) to reach the arcs inner <= |t| <= outer (mod 2 pi), inner <= outer <= pi."""
+    if u <= outer:
+        return max(inner - u, 0.0)
+    if u <= _TURN - inner:
+        return max(_TURN - outer - u, 0.0)
+    return _TURN + inner - u
+
+
+@kernel
+def clip_to_arcs(phase: float, inner: float, outer: float, lower: float, upper: float) -> tuple[float, float]:
+    """Hull of {t in [lower, upper]: inner <= |t - phase + 2 pi k| <= outer}; lower > upper where that is empty."""
+    if inner > 0.0:
+        inner = max(inner - SLACK, 0.0)
+    outer = min(outer + SLACK, np.pi)
+    u = lower - phase
+    u -= _TURN * np.floor(u / _TURN)
+    v = phase - upper
+    v -= _TURN * np.floor(v / _TURN)
+    return lower + gap_before(u, inner, outer), upper - gap_before(v, inner, outer)
+
+
+@kernel
+def clip_to_band(
+    a: float, b: float, c: float, low: float, high: float, lower: float, upper: float
+) -> tuple[float, float]:
+    """Hull of {t in [lower, upper]: low <= a + b cos t + c sin t <= high}; lower > upper where that is empty.
+
+    The band is widened by the rounding of its ends before the arc cosine, so that the result is sure even where the
+    cosine is flat.
+    """
+    amplitude = np.sqrt(b * b + c * c)
+    slack = SLACK * (1.0 + abs(a) + amplitude)
+    low, high = low - a - slack, high - a + slack
+    if low <= -amplitude and high >= amplitude:
+        return lower, upper
+    if low > amplitude or high < -amplitude:
+        return 1.0, -1.0
+    inner = 0.0 if high >= amplitude else np.arccos(high / amplitude)
+    outer = np.pi if low <= -amplitude else np.arccos(low / amplitude)
+    return clip_to_arcs(np.arctan2(c, b), inner, outer, lower, upper)
+
+
+@kernel
+def range_of_band(a: float, b: float, c: float, lower: float, upper: float) -> tuple[float, float]:
+    """Smallest and largest a + b cos t + c sin t for t in [lower, upper]."""
+    amplitude = np.sqrt(b * b + c * c)
+    slack = SLACK * (1.0 + abs(a) + amplitude)
+    if amplitude < slack:
+        return a - 2.0 * slack, a + 2.0 * slack
+    phase = np.arctan2(c, b)
+    at_lower, at_upper = np.cos(lower - phase), np.cos(upper - phase)
+    low, high = min(at_lower, at_upper), max(at_lower, at_upper)
+    turns = np.ceil((lower - phase) / _TURN - SLACK)
+    if phase + turns * _TURN <= upper + SLACK:
+        high = 1.0
+    turns = np.ceil((lower - phase - np.pi) / _TURN - SLACK)
+    if phase + np.pi + turns * _TURN <= upper + SLACK:
+        low = -1.0
+    return a + amplitude * low - slack, a + amplitude * high + slack

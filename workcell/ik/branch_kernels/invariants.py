@@ -1,0 +1,211 @@
+"""C2 and C3: joints from the invariants between two axes with one joint between them.
+
+Take joint i, a point m and direction z_m of axis i - 1, and a point f and direction z_f of axis i + 1. Neither joint
+i - 1 nor joint i + 1 changes
+
+    |f - m|^2,   z_m . (f - m),   z_f . (f - m),   z_m . z_f,
+
+and each is a + b cos q_i + c sin q_i with constants of the robot (`Chain.bands`). Seen from both ends they are known up
+to the motion radii of the other joints. C2 contracts joint i by these four bands. C3 leaves out of the radii one more
+joint j, on the near side of axis i - 1: the invariants' ranges over q_i then are bands in a + b cos q_j + c sin q_j,
+whose coefficients follow from the frames at the centre (the departure of j is measured from that centre).
+
+For a component along a direction z, rotations about axes parallel to z don't count: with u = E_2 x - x,
+z . (E_1 E_2 x - x) = (E_1^-1 z) . u + z . (E_1 x - x), so the move by joint k enters with the factor
+min(1, |z x z_k| + sum over outer joints l of 2 sin(h_l / 2) |z x z_l|).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from workcell.ik.branch_kernels.arcs import clip_to_band, range_of_band
+from workcell.ik.branch_kernels.motion import (
+    ball_radius,
+    direction_radius,
+    distance_to_line,
+    point_radius,
+    sine_between,
+)
+from workcell.ik.branch_kernels.state import SLACK, Chain, State, kernel, tighten
+from workcell.pose import Array
+
+
+@kernel
+def _along(
+    z: Array, x: float, y: float, w: float, extra: float, lines: Array, sweep: Array, first: int, last: int, step: int, tilt: float
+) -> tuple[float, float]:  # fmt: skip
+    """Move along z of a point (known to `extra`) under joints first, first + step ... before last, outermost first.
+
+    Returns the bound and by how much z has been tilted by them, `tilt` included.
+    """
+    total, k = 0.0, first
+    while k != last:
+        if sweep[k] > 0.0:
+            sine = sine_between(z[0], z[1], z[2], lines[k])
+            reach = distance_to_line(x, y, w, lines[k]) + extra
+            total += sweep[k] * reach * min(1.0, sine + tilt)
+            tilt += sweep[k] * sine
+        k += step
+    return total, tilt
+
+
+@kernel
+def contract_invariants(chain: Chain, state: State) -> bool:
+    """Apply C2 to every joint; False if the box holds no solution."""
+    joints = state.lower.shape[0]
+    for view in range(2):
+        lines, others = state.lines[view], state.lines[1 - view]
+        sweep, sweeps = state.sweep[view], state.sweep[1 - view]
+        for i in range(1, joints - 1):
+            joint = i if view == 0 else joints - 1 - i
+            beyond = joints - 2 - i
+            m, f = lines[i - 1], others[beyond]
+            ball = ball_radius(f[3], f[4], f[5], chain.ball)
+            radius = (
+                ball
+                + point_radius(f[3], f[4], f[5], lines, sweep, i - 1)
+                + point_radius(f[3], f[4], f[5], others, sweeps, beyond)
+                + SLACK
+            )
+            dx, dy, dz = f[3] - m[3], f[4] - m[4], f[5] - m[5]
+            length = np.sqrt(dx * dx + dy * dy + dz * dz)
+            band = chain.bands[view, i]
+            low, high = max(length - radius, 0.0) ** 2, (length + radius) ** 2
+            lower, upper = clip_to_band(
+                band[0, 0], band[0, 1], band[0, 2], low, high, state.lower[joint], state.upper[joint]
+            )
+            if lower > upper or not tighten(state, joint, lower, upper):
+                return False
+
+            inner, tilt = _along(m[:3], f[3], f[4], f[5], 0.0, lines, sweep, i - 2, -1, -1, 0.0)
+            outer, tilt = _along(m[:3], f[3], f[4], f[5], 0.0, others, sweeps, 0, beyond, 1, tilt + chain.ball[1])
+            radius = min(inner + outer + ball + SLACK, radius)
+            value = m[0] * dx + m[1] * dy + m[2] * dz
+            lower, upper = clip_to_band(
+                band[1, 0], band[1, 1], band[1, 2], value - radius, value + radius,
+                state.lower[joint], state.upper[joint],
+            )  # fmt: skip
+            if lower > upper or not tighten(state, joint, lower, upper):
+                return False
+            if view == 0:
+                radius = (
+                    chain.ball[1]
+                    + direction_radius(f[0], f[1], f[2], lines, sweep, i - 1)
+                    + direction_radius(f[0], f[1], f[2], others, sweeps, beyond)
+                    + SLACK
+                )
+                value = m[0] * f[0] + m[1] * f[1] + m[2] * f[2]
+                lower, upper = clip_to_band(
+                    band[3, 0], band[3, 1], band[3, 2], value - radius, value + radius,
+                    state.lower[joint], state.upper[joint],
+                )  # fmt: skip
+                if lower > upper or not tighten(state, joint, lower, upper):
+                    return False
+    return True
+
+
+@kernel
+def contract_through(chain: Chain, state: State) -> bool:
+    """Apply C3 to every joint; False if the box holds no solution."""
+    joints = state.lower.shape[0]
+    ranges = np.empty((4, 2))
+    for view in range(2):
+        for i in range(3, joints - 1):
+            joint = i if view == 0 else joints - 1 - i
+            for row in range(4):
+                band = chain.bands[view, i, row]
+                low, high = range_of_band(band[0], band[1], band[2], state.lower[joint], state.upper[joint])
+                ranges[row, 0], ranges[row, 1] = low, high
+            for j in range(1, i - 1):
+                if not _through(chain, state, view, i, j, ranges):
+                    return False
+    return True
+
+
+@kernel
+def _through(chain: Chain, state: State, view: int, i: int, j: int, ranges: Array) -> bool:
+    """Contract joint j of a view by the invariants about joint i >= j + 2, whose ranges are given."""
+    joints = state.lower.shape[0]
+    lines, others = state.lines[view], state.lines[1 - view]
+    sweep, sweeps = state.sweep[view], state.sweep[1 - view]
+    beyond = joints - 2 - i
+    m, f, axis = lines[i - 1], others[beyond], lines[j]
+    zm, zf, z = m[:3], f[:3], axis[:3]
+
+    # How far f moves under all joints outside m's side, and m under the joints between j and axis i - 1.
+    ball = ball_radius(f[3], f[4], f[5], chain.ball)
+    move_f = (
+        ball
+        + point_radius(f[3], f[4], f[5], lines, sweep, j)
+        + point_radius(f[3], f[4], f[5], others, sweeps, beyond)
+        + SLACK
+    )
+    move_m, turn_m = 0.0, 0.0
+    for k in range(j + 1, i - 1):
+        move_m += sweep[k] * distance_to_line(m[3], m[4], m[5], lines[k])
+        turn_m += sweep[k] * sine_between(zm[0], zm[1], zm[2], lines[k])
+
+    fx, fy, fz = f[3] - axis[3], f[4] - axis[4], f[5] - axis[5]
+    mx, my, mz = m[3] - axis[3], m[4] - axis[4], m[5] - axis[5]
+    radius = move_f + move_m
+    low = max(np.sqrt(max(ranges[0, 0], 0.0)) - radius, 0.0) ** 2
+    high = (np.sqrt(max(ranges[0, 1], 0.0)) + radius) ** 2
+    a, b, c = turning(fx, fy, fz, mx, my, mz, z)
+    squares = fx * fx + fy * fy + fz * fz + mx * mx + my * my + mz * mz
+    if not _contract(state, view, j, squares - 2.0 * a, -2.0 * b, -2.0 * c, low, high):
+        return False
+
+    reach = sweep[j] * distance_to_line(f[3], f[4], f[5], axis)
+    inner, _ = _along(zm, f[3], f[4], f[5], reach, lines, sweep, i - 2, j, -1, 0.0)
+    radius = move_f + inner + SLACK
+    a, b, c = turning(fx, fy, fz, zm[0], zm[1], zm[2], z)
+    a -= zm[0] * mx + zm[1] * my + zm[2] * mz
+    if not _contract(state, view, j, a, b, c, ranges[1, 0] - radius, ranges[1, 1] + radius):
+        return False
+
+    reach = sweep[j] * distance_to_line(m[3], m[4], m[5], axis)
+    outer, tilt = _along(zf, m[3], m[4], m[5], reach, others, sweeps, beyond - 1, -1, -1, 0.0)
+    inner, tilt = _along(zf, m[3], m[4], m[5], reach, lines, sweep, 0, j, 1, tilt + chain.ball[1])
+    ball = ball_radius(m[3], m[4], m[5], chain.ball) + chain.ball[1] * reach * (1.0 + chain.ball[1])
+    radius = outer + inner + ball + move_m + SLACK
+    a, b, c = turning(zf[0], zf[1], zf[2], mx, my, mz, z)
+    a = zf[0] * fx + zf[1] * fy + zf[2] * fz - a
+    if not _contract(state, view, j, a, -b, -c, ranges[2, 0] - radius, ranges[2, 1] + radius):
+        return False
+
+    radius = (
+        chain.ball[1]
+        + turn_m
+        + direction_radius(zf[0], zf[1], zf[2], lines, sweep, j)
+        + direction_radius(zf[0], zf[1], zf[2], others, sweeps, beyond)
+        + SLACK
+    )
+    a, b, c = turning(zf[0], zf[1], zf[2], zm[0], zm[1], zm[2], z)
+    return _contract(state, view, j, a, b, c, ranges[3, 0] - radius, ranges[3, 1] + radius)
+
+
+@kernel
+def turning(
+    ux: float, uy: float, uz: float, vx: float, vy: float, vz: float, z: Array
+) -> tuple[float, float, float]:
+    """(a, b, c) of u . E(t) v = a + b cos t + c sin t, with E(t) the rotation by t about the unit direction z."""
+    along = (ux * z[0] + uy * z[1] + uz * z[2]) * (vx * z[0] + vy * z[1] + vz * z[2])
+    cosine = ux * vx + uy * vy + uz * vz - along
+    sine = ux * (z[1] * vz - z[2] * vy) + uy * (z[2] * vx - z[0] * vz) + uz * (z[0] * vy - z[1] * vx)
+    return along, cosine, sine
+
+
+@kernel
+def _contract(
+    state: State, view: int, j: int, a: float, b: float, c: float, low: float, high: float
+) -> bool:
+    """Keep of the joint at index j of a view the departures t with low <= a + b cos t + c sin t <= high."""
+    joint = j if view == 0 else state.lower.shape[0] - 1 - j
+    centre = state.centre[joint]
+    if view == 0:
+        lower, upper = clip_to_band(a, b, c, low, high, state.lower[joint] - centre, state.upper[joint] - centre)
+    else:
+        # From the target the joint turns the other way.
+        lower, upper = clip_to_band(a, b, -c, low, high, state.lower[joint] - centre, state.upper[joint] - centre)
+    return lower <= upper and tighten(state, joint, centre + lower, centre + upper)

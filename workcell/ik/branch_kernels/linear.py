@@ -1,0 +1,267 @@
+"""The linear step: the loop's closure at a middle link, linearised, with the remainder bounded.
+
+With p a point and R the rotation of the middle link, seen from the base and from the target,
+
+    E_1 ... E_m p_base = Ball E_n^-1 ... E_{m+1}^-1 p_target,      E_1 ... E_m = Ball E_n^-1 ... E_{m+1}^-1 D,
+
+D = R_target R_base^T. Expanded in the departures d_j this is J d = rhs + remainder: second order by components (a
+square d_j^2 lies in [0, h_j^2], so half of it moves the right side), third order by Taylor's integral form, and for
+rotations only the skew part counts, where squares cancel when D is the identity. Elimination with full pivoting, in
+units of the box and of the remainders, leaves the joints that can't be told apart (one for seven joints) on the right:
+every other joint follows them like a tube.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from workcell.ik.branch_kernels.motion import ball_radius
+from workcell.ik.branch_kernels.state import SLACK, Chain, State, kernel, tighten
+from workcell.pose import Array
+
+WIDEST = 1.2
+"""Radians that all half widths together may have for the step to be tried."""
+
+
+@kernel
+def contract_linear(chain: Chain, state: State) -> bool:
+    """Contract every joint by the linearised closure; False if the box holds no solution.
+
+    Where it could be applied `state.tangent[0, 0]` is 1, and row 1 + k (k from 0) says how real joint k follows:
+    departure = tangent[k+1, 1] + tangent[k+1, 2] * (departure of joint tangent[0, 1]) + sum_r tangent[k+1, 3+r] e_r,
+    |e_r| <= tangent[0, 3 + r].
+    """
+    state.tangent[0, 0] = 0.0
+    joints = state.lower.shape[0]
+    total = 0.0
+    for k in range(1, joints - 1):
+        total += max(state.upper[k] - state.centre[k], state.centre[k] - state.lower[k])
+    if total > WIDEST:
+        return True
+    n = joints - 2
+    rows = np.zeros((6, n + 7))
+    radius = np.zeros(6)
+    half = np.empty(n)
+    for k in range(n):
+        half[k] = max(state.upper[k + 1] - state.centre[k + 1], state.centre[k + 1] - state.lower[k + 1])
+    middle = (joints - 1) // 2
+    if not _assemble(chain, state, middle, half, rows, radius):
+        return True
+    pivots = np.full(6, -1)
+    eliminate(rows, radius, half, pivots)
+    return _apply(state, rows, radius, half, pivots)
+
+
+@kernel
+def _assemble(chain: Chain, state: State, middle: int, half: Array, rows: Array, radius: Array) -> bool:
+    """Fill rows = [J | identity | rhs] and the remainder's radius; False where the sides are turned too far apart."""
+    n = half.shape[0]
+    near, far = state.frames[0, middle], state.frames[1, middle]
+    foot = chain.feet[middle, 1]
+    p, t = np.empty(3), np.empty(3)
+    for a in range(3):
+        p[a] = near[9 + a] + foot * near[3 * a + 2]
+        t[a] = far[9 + a] + foot * far[3 * a + 2]
+    D = np.empty((3, 3))
+    trace = 0.0
+    for a in range(3):
+        for b in range(3):
+            D[a, b] = far[3 * a] * near[3 * b] + far[3 * a + 1] * near[3 * b + 1] + far[3 * a + 2] * near[3 * b + 2]
+        trace += D[a, a]
+    if trace < 1.0:
+        return False
+    skew = np.array([0.5 * (D[2, 1] - D[1, 2]), 0.5 * (D[0, 2] - D[2, 0]), 0.5 * (D[1, 0] - D[0, 1])])
+    for a in range(3):
+        rows[a, n + 6] = t[a] - p[a]
+        rows[3 + a, n + 6] = skew[a]
+        radius[a] = ball_radius(t[0], t[1], t[2], chain.ball) + SLACK
+        radius[3 + a] = chain.ball[1] + SLACK
+        rows[a, n + a] = 1.0
+        rows[3 + a, n + 3 + a] = 1.0
+    _near_side(state.lines[0], p, middle, half, rows, radius)
+    _far_side(state.lines[1], t, middle, half, D, trace, skew, rows, radius)
+    return True
+
+
+@kernel
+def _near_side(lines: Array, p: Array, middle: int, half: Array, rows: Array, radius: Array) -> None:
+    """The joints from the base to the middle link: columns and remainder."""
+    n = half.shape[0]
+    moment = np.empty(3)
+    outer, cubic = 0.0, 0.0
+    for j in range(1, middle + 1):
+        z, h = lines[j], half[j - 1]
+        _cross(z, p[0] - z[3], p[1] - z[4], p[2] - z[5], moment)
+        length = np.sqrt(moment[0] ** 2 + moment[1] ** 2 + moment[2] ** 2)
+        cubic += ((outer + h) ** 3 - outer**3) * length
+        outer += h
+        for a in range(3):
+            rows[a, j - 1] = moment[a]
+            rows[3 + a, j - 1] = z[a]
+        for i in range(1, j + 1):
+            y, scale = lines[i], half[i - 1] * h
+            cx = y[1] * moment[2] - y[2] * moment[1]
+            cy = y[2] * moment[0] - y[0] * moment[2]
+            cz = y[0] * moment[1] - y[1] * moment[0]
+            if i == j:
+                scale *= 0.25
+                rows[0, n + 6] -= scale * cx
+                rows[1, n + 6] -= scale * cy
+                rows[2, n + 6] -= scale * cz
+            else:
+                radius[3] += 0.5 * scale * abs(y[1] * z[2] - y[2] * z[1])
+                radius[4] += 0.5 * scale * abs(y[2] * z[0] - y[0] * z[2])
+                radius[5] += 0.5 * scale * abs(y[0] * z[1] - y[1] * z[0])
+            radius[0] += scale * abs(cx)
+            radius[1] += scale * abs(cy)
+            radius[2] += scale * abs(cz)
+    for a in range(3):
+        radius[a] += cubic / 6.0
+        radius[3 + a] += outer**3 / 6.0
+
+
+@kernel
+def _far_side(
+    lines: Array, t: Array, middle: int, half: Array, D: Array, trace: float, skew: Array, rows: Array, radius: Array
+) -> None:  # fmt: skip
+    """The joints from the target to the middle link, by their index from the target: columns and remainder.
+
+    The skew part of [z]D is (tr(D) z - D z) / 2, that of [y][z]D is (D^T y x z) / 2 - (y . z) skew(D).
+    """
+    n = half.shape[0]
+    moment, turned, pair = np.empty(3), np.empty(3), np.empty(3)
+    outer, cubic = 0.0, 0.0
+    for back in range(1, n + 1 - middle):
+        z, h, column = lines[back], half[n - back], n - back
+        _cross(z, t[0] - z[3], t[1] - z[4], t[2] - z[5], moment)
+        length = np.sqrt(moment[0] ** 2 + moment[1] ** 2 + moment[2] ** 2)
+        cubic += ((outer + h) ** 3 - outer**3) * length
+        outer += h
+        for a in range(3):
+            rows[a, column] = moment[a]
+            rows[3 + a, column] = 0.5 * (trace * z[a] - D[a, 0] * z[0] - D[a, 1] * z[1] - D[a, 2] * z[2])
+        for i in range(1, back + 1):
+            y, scale = lines[i], half[n - i] * h
+            dot = y[0] * z[0] + y[1] * z[1] + y[2] * z[2]
+            for a in range(3):
+                turned[a] = D[0, a] * y[0] + D[1, a] * y[1] + D[2, a] * y[2]
+            _cross(turned, z[0], z[1], z[2], pair)
+            cx = y[1] * moment[2] - y[2] * moment[1]
+            cy = y[2] * moment[0] - y[0] * moment[2]
+            cz = y[0] * moment[1] - y[1] * moment[0]
+            if i == back:
+                scale *= 0.25
+                rows[0, n + 6] += scale * cx
+                rows[1, n + 6] += scale * cy
+                rows[2, n + 6] += scale * cz
+            radius[0] += scale * abs(cx)
+            radius[1] += scale * abs(cy)
+            radius[2] += scale * abs(cz)
+            for a in range(3):
+                bend = 0.5 * pair[a] - dot * skew[a]
+                if i == back:
+                    rows[3 + a, n + 6] += scale * bend
+                radius[3 + a] += scale * abs(bend)
+    for a in range(3):
+        radius[a] += cubic / 6.0
+        radius[3 + a] += outer**3 / 6.0
+
+
+@kernel
+def _cross(z: Array, x: float, y: float, w: float, out: Array) -> None:
+    out[0] = z[1] * w - z[2] * y
+    out[1] = z[2] * x - z[0] * w
+    out[2] = z[0] * y - z[1] * x
+
+
+@kernel
+def eliminate(rows: Array, radius: Array, half: Array, pivots: Array) -> None:
+    """Gauss-Jordan with full pivoting on rows = [J | P | rhs]; pivots[r] is the joint solved for in row r, or -1.
+
+    Joints count in half widths, rows in their radius: a joint that its row can't tell from zero is left alone.
+    """
+    n, columns = half.shape[0], rows.shape[1]
+    taken = np.zeros(n)
+    for _ in range(6):
+        best, row, column = 0.05, -1, -1
+        for r in range(6):
+            if pivots[r] < 0:
+                noise = 0.0
+                for k in range(6):
+                    noise += abs(rows[r, n + k]) * radius[k]
+                for j in range(n):
+                    if taken[j] == 0.0 and abs(rows[r, j]) * half[j] > best * noise and abs(rows[r, j]) > 1e-6:
+                        best, row, column = abs(rows[r, j]) * half[j] / noise, r, j
+        if row < 0:
+            return
+        pivots[row] = column
+        taken[column] = 1.0
+        scale = 1.0 / rows[row, column]
+        for k in range(columns):
+            rows[row, k] *= scale
+        for r in range(6):
+            if r != row and rows[r, column] != 0.0:
+                factor = rows[r, column]
+                for k in range(columns):
+                    rows[r, k] -= factor * rows[row, k]
+                rows[r, column] = 0.0
+
+
+@kernel
+def _apply(state: State, rows: Array, radius: Array, half: Array, pivots: Array) -> bool:
+    """Contract by every row: any joint in it lies where the others and the remainder allow."""
+    n = half.shape[0]
+    free = -1
+    count = 0
+    for j in range(n):
+        solved = False
+        for r in range(6):
+            solved = solved or pivots[r] == j
+        if not solved:
+            free = j
+            count += 1
+    for r in range(6):
+        noise = SLACK
+        for k in range(6):
+            noise += abs(rows[r, n + k]) * (radius[k] + SLACK)
+        low, high = rows[r, n + 6] - noise, rows[r, n + 6] + noise
+        for j in range(n):
+            first = rows[r, j] * (state.lower[j + 1] - state.centre[j + 1])
+            second = rows[r, j] * (state.upper[j + 1] - state.centre[j + 1])
+            low -= max(first, second)
+            high -= min(first, second)
+        # Now low <= 0 <= high must hold with all joints on the right; leave one out to contract it.
+        if low > 0.0 or high < 0.0:
+            return False
+        for j in range(n):
+            w = rows[r, j]
+            if abs(w) < 1e-3:
+                continue
+            centre = state.centre[j + 1]
+            first, second = w * (state.lower[j + 1] - centre), w * (state.upper[j + 1] - centre)
+            one, two = (low + max(first, second)) / w, (high + min(first, second)) / w
+            if not tighten(state, j + 1, centre + min(one, two), centre + max(one, two)):
+                return False
+    if count <= 1:
+        _keep_tangent(state, rows, radius, pivots, free)
+    return True
+
+
+@kernel
+def _keep_tangent(state: State, rows: Array, radius: Array, pivots: Array, free: int) -> None:
+    """Write how the joints follow the free one (see `contract_linear`)."""
+    n = rows.shape[1] - 7
+    tangent = state.tangent
+    tangent[0, 0], tangent[0, 1] = 1.0, free
+    for k in range(6):
+        tangent[0, 3 + k] = radius[k]
+    for r in range(6):
+        j = pivots[r]
+        if j >= 0:
+            tangent[1 + j, 1] = rows[r, n + 6]
+            tangent[1 + j, 2] = -rows[r, free] if free >= 0 else 0.0
+            for k in range(6):
+                tangent[1 + j, 3 + k] = rows[r, n + k]
+    if free >= 0:
+        tangent[1 + free, 1:] = 0.0
+        tangent[1 + free, 2] = 1.0

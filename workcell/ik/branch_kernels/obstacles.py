@@ -1,0 +1,199 @@
+"""Exclusion by obstacles: a box is excluded when some sphere collides in every configuration of it.
+
+The centre of a sphere, seen from the base or from the target, stays within its motion radius of where it is at the
+box's centre; to first order it moves along the tangent of the linear step, with a second-order remainder. When all of
+that lies inside an obstacle swollen by the sphere's radius, the whole box collides. Obstacles are convex, so a swept
+segment is inside when its ends are; for boxes the extent is compared axis by axis.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from workcell.ik.branch_kernels.motion import ball_radius, distance_to_line
+from workcell.ik.branch_kernels.state import SLACK, Chain, State, kernel
+from workcell.ik.branch_kernels.world import BOX, World, signed_distance, to_local
+from workcell.pose import Array
+
+
+class Sweep(NamedTuple):
+    """Where one sphere's centre can be: a ball, and by the linear step a segment with noise around it.
+
+    Attributes:
+        ball: (4,) point and radius.
+        ends: (2, 3) ends of the segment.
+        noise: (6, 3) shifts that come on top, each times a number in [-1, 1].
+        rest: (3,) radius of what remains; from which end of the chain; 1 once the segment has been computed.
+    """
+
+    ball: Array
+    ends: Array
+    noise: Array
+    rest: Array
+
+
+@kernel
+def new_sweep(joints: int) -> Sweep:
+    """Room for one."""
+    return Sweep(np.zeros(4), np.zeros((2, 3)), np.zeros((6 + joints, 3)), np.zeros(3))
+
+
+@kernel
+def find_blocked(chain: Chain, state: State, world: World, sweep: Sweep, hint: int) -> tuple[int, int, float]:
+    """A sphere and an obstacle that collide all over the box, and an upper bound on their clearance; (-1, -1, 0) if none.
+
+    `hint` (sphere * number of obstacles + obstacle, or -1) is tried first: neighbouring boxes are blocked alike.
+    """
+    obstacles = world.obstacles.shape[0]
+    limit = world.clearance[0] + world.clearance[1]
+    if obstacles == 0:
+        return -1, -1, 0.0
+    if hint >= 0:
+        s, o = hint // obstacles, hint % obstacles
+        _bound_ball(chain, state, world.spheres[s], sweep)
+        bound = blocked_bound(chain, state, world, s, o, sweep)
+        if bound < limit:
+            return s, o, bound
+    for s in range(world.spheres.shape[0]):
+        radius = world.spheres[s, 4] + limit
+        _bound_ball(chain, state, world.spheres[s], sweep)
+        x, y, z = sweep.ball[0], sweep.ball[1], sweep.ball[2]
+        for o in range(obstacles):
+            row = world.obstacles[o]
+            if (
+                x > row[16] - radius and x < row[19] + radius
+                and y > row[17] - radius and y < row[20] + radius
+                and z > row[18] - radius and z < row[21] + radius
+            ):  # fmt: skip
+                bound = blocked_bound(chain, state, world, s, o, sweep)
+                if bound < limit:
+                    return s, o, bound
+    return -1, -1, 0.0
+
+
+@kernel
+def blocked_bound(chain: Chain, state: State, world: World, s: int, o: int, sweep: Sweep) -> float:
+    """Upper bound on the clearance of sphere s from obstacle o over the box (inf when their centres are apart)."""
+    gradient = np.empty(3)
+    radius = world.spheres[s, 4]
+    ball = sweep.ball
+    depth = signed_distance(world, o, ball[0], ball[1], ball[2], gradient) - radius
+    if depth >= world.clearance[0] + world.clearance[1]:
+        return np.inf
+    bound = depth + ball[3]
+    if bound < world.clearance[0]:
+        return bound + SLACK
+    if sweep.rest[2] == 0.0:
+        _bound_segment(chain, state, world.spheres[s], sweep)
+    if world.obstacles[o, 0] == BOX:
+        return min(bound, _box_bound(world.obstacles[o], sweep) - radius) + SLACK
+    rest = sweep.rest[0]
+    for k in range(sweep.noise.shape[0]):
+        rest += np.sqrt(sweep.noise[k, 0] ** 2 + sweep.noise[k, 1] ** 2 + sweep.noise[k, 2] ** 2)
+    worst = -np.inf
+    for e in range(2):
+        end = sweep.ends[e]
+        worst = max(worst, signed_distance(world, o, end[0], end[1], end[2], gradient))
+    return min(bound, worst + rest - radius) + SLACK
+
+
+@kernel
+def _box_bound(row: Array, sweep: Sweep) -> float:
+    """Largest signed distance to a box over the sweep, the extents along its axes taken one by one."""
+    ax, ay, az = to_local(row, sweep.ends[0, 0], sweep.ends[0, 1], sweep.ends[0, 2])
+    bx, by, bz = to_local(row, sweep.ends[1, 0], sweep.ends[1, 1], sweep.ends[1, 2])
+    cx, cy, cz = to_local(row, sweep.ball[0], sweep.ball[1], sweep.ball[2])
+    squares, inside = 0.0, -np.inf
+    for axis in range(3):
+        u, v, w = row[1 + axis], row[4 + axis], row[7 + axis]
+        extent = sweep.rest[0]
+        for k in range(sweep.noise.shape[0]):
+            extent += abs(u * sweep.noise[k, 0] + v * sweep.noise[k, 1] + w * sweep.noise[k, 2])
+        first, second, middle = (ax, bx, cx) if axis == 0 else ((ay, by, cy) if axis == 1 else (az, bz, cz))
+        reach = min(max(abs(first), abs(second)) + extent, abs(middle) + sweep.ball[3])
+        over = reach - row[13 + axis]
+        inside = max(inside, over)
+        if over > 0.0:
+            squares += over * over
+    return np.sqrt(squares) if squares > 0.0 else inside
+
+
+@kernel
+def _bound_ball(chain: Chain, state: State, sphere: Array, sweep: Sweep) -> None:
+    """The ball, from whichever end of the chain bounds the sphere's centre better."""
+    joints = state.lower.shape[0]
+    k = int(sphere[0])
+    best = np.inf
+    for side in range(2):
+        frame = state.frames[side, k]
+        x = frame[9] + frame[0] * sphere[1] + frame[1] * sphere[2] + frame[2] * sphere[3]
+        y = frame[10] + frame[3] * sphere[1] + frame[4] * sphere[2] + frame[5] * sphere[3]
+        z = frame[11] + frame[6] * sphere[1] + frame[7] * sphere[2] + frame[8] * sphere[3]
+        count = k + 1 if side == 0 else joints - 1 - k
+        radius = 0.0 if side == 0 else ball_radius(x, y, z, chain.ball)
+        for j in range(count):
+            if state.sweep[side, j] > 0.0:
+                radius += state.sweep[side, j] * distance_to_line(x, y, z, state.lines[side, j])
+                if radius >= best:
+                    break
+        if radius < best:
+            best = radius
+            sweep.ball[0], sweep.ball[1], sweep.ball[2], sweep.ball[3] = x, y, z, radius
+            sweep.rest[1], sweep.rest[2] = float(side), 0.0
+
+
+@kernel
+def _bound_segment(chain: Chain, state: State, sphere: Array, sweep: Sweep) -> None:
+    """The segment, on the side that `_bound_ball` chose; without a tangent every joint is noise of its own."""
+    joints = state.lower.shape[0]
+    side = int(sweep.rest[1])
+    k = int(sphere[0])
+    x, y, z = sweep.ball[0], sweep.ball[1], sweep.ball[2]
+    count = k + 1 if side == 0 else joints - 1 - k
+    tangent = state.tangent
+    known = tangent[0, 0] > 0.0
+    noise = sweep.noise
+    noise[:] = 0.0
+    shift, slope = np.zeros(3), np.zeros(3)
+    rest = 0.0 if side == 0 else ball_radius(x, y, z, chain.ball)
+    outer = 0.0
+    for j in range(count):
+        if state.sweep[side, j] == 0.0:
+            continue
+        joint = j if side == 0 else joints - 1 - j
+        sign = 1.0 if side == 0 else -1.0
+        line = state.lines[side, j]
+        u, v, w = x - line[3], y - line[4], z - line[5]
+        mx, my, mz = line[1] * w - line[2] * v, line[2] * u - line[0] * w, line[0] * v - line[1] * u
+        low, high = state.lower[joint] - state.centre[joint], state.upper[joint] - state.centre[joint]
+        half = max(high, -low)
+        rest += 0.5 * ((outer + half) ** 2 - outer**2) * np.sqrt(mx * mx + my * my + mz * mz)
+        outer += half
+        mx, my, mz = sign * mx, sign * my, sign * mz
+        if known:
+            row = tangent[joint]
+            _add(shift, row[1], mx, my, mz)
+            _add(slope, row[2], mx, my, mz)
+            for r in range(6):
+                _add(noise[r], row[3 + r] * tangent[0, 3 + r], mx, my, mz)
+        else:
+            _add(shift, 0.5 * (low + high), mx, my, mz)
+            _add(noise[6 + j], 0.5 * (high - low), mx, my, mz)
+    first, second = 0.0, 0.0
+    if known and tangent[0, 1] >= 0.0:
+        free = int(tangent[0, 1]) + 1
+        first, second = state.lower[free] - state.centre[free], state.upper[free] - state.centre[free]
+    for a in range(3):
+        start = (x if a == 0 else (y if a == 1 else z)) + shift[a]
+        sweep.ends[0, a] = start + first * slope[a]
+        sweep.ends[1, a] = start + second * slope[a]
+    sweep.rest[0], sweep.rest[2] = rest + SLACK, 1.0
+
+
+@kernel
+def _add(out: Array, scale: float, x: float, y: float, z: float) -> None:
+    out[0] += scale * x
+    out[1] += scale * y
+    out[2] += scale * z

@@ -1,0 +1,146 @@
+"""The tree: boxes are contracted, excluded or split, depth first, and every decision is written down."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workcell.ik.branch_kernels.invariants import contract_invariants, contract_through
+from workcell.ik.branch_kernels.linear import contract_linear
+from workcell.ik.branch_kernels.local import search_from
+from workcell.ik.branch_kernels.neighbours import contract_neighbours
+from workcell.ik.branch_kernels.obstacles import Sweep, find_blocked
+from workcell.ik.branch_kernels.state import Chain, State, kernel, recentre
+from workcell.ik.branch_kernels.world import World
+from workcell.pose import Array
+
+DONE, FOUND, PAUSED, FULL = 0, 1, 2, 3
+"""How a run of the search ended: every box excluded (or left), a configuration in `found`, node count reached, no room."""
+ROUNDS = 6
+"""Times the contractors are repeated on a box."""
+SHRINK = 0.85
+"""Share of its width below which some joint must come for another round."""
+OUTER_WEIGHT = 20.0
+"""How much wider the joints next to the ends count until the linear step applies."""
+SMALLEST = 1e-7
+"""Width in radians of all joints at which a box is given up."""
+
+
+class Tree(NamedTuple):
+    """The search's memory.
+
+    Attributes:
+        stack: (depth, 2, N) boxes to come.
+        nodes: (capacity, 4) in pre-order: joint (from 0) of a split or -1 (kinematics), -2 (obstacle), -3 (given up);
+            then split value and 0 when its lower half comes first, 1 when its upper does; for an obstacle leaf sphere
+            and obstacle and the bound on their clearance.
+        counts: (8,) boxes on the stack; nodes; kinematic, obstacle and given-up leaves; local searches; hint;
+            boxes since the last local search.
+        found: (N,) a configuration that the local search reached.
+    """
+
+    stack: Array
+    nodes: Array
+    counts: NDArray[np.int64]
+    found: Array
+
+
+@kernel
+def contract(chain: Chain, state: State) -> bool:
+    """Shrink the box by all contractors until little changes; False if it holds no solution."""
+    joints = state.lower.shape[0]
+    width = np.empty(joints)
+    for round_ in range(ROUNDS):
+        for k in range(joints):
+            width[k] = state.upper[k] - state.lower[k]
+        recentre(chain, state)
+        if not contract_neighbours(chain, state) or not contract_invariants(chain, state):
+            return False
+        if not contract_through(chain, state) or not contract_linear(chain, state):
+            return False
+        again = False
+        for k in range(1, joints - 1):
+            again = again or state.upper[k] - state.lower[k] < SHRINK * width[k]
+        if not again:
+            return True
+    return True
+
+
+@kernel
+def choose_split(state: State) -> tuple[int, float]:
+    """Joint (of the kernels) to split, and where; (-1, 0) when the box is too small."""
+    joints = state.lower.shape[0]
+    joint, widest = -1, 0.0
+    largest = 0.0
+    for k in range(1, joints - 1):
+        width = state.upper[k] - state.lower[k]
+        largest = max(largest, width)
+        if state.tangent[0, 0] == 0.0 and (k <= 2 or k >= joints - 3):
+            width *= OUTER_WEIGHT
+        if width > widest:
+            joint, widest = k, width
+    if largest < SMALLEST:
+        return -1, 0.0
+    width = state.upper[joint] - state.lower[joint]
+    # Few digits keep certificates short; where the cut falls within the middle third doesn't matter.
+    grid = 10.0 ** np.floor(np.log10(width) - 1.0)
+    return joint, np.round(0.5 * (state.lower[joint] + state.upper[joint]) / grid) * grid
+
+
+@kernel
+def run(
+    chain: Chain, world: World, root: Array, state: State, sweep: Sweep, tree: Tree, tolerance: Array, limit: int
+) -> int:  # fmt: skip
+    """Work on up to `limit` boxes of the stack; returns DONE, FOUND, PAUSED or FULL. `root` (2, N) bounds solutions."""
+    counts, nodes = tree.counts, tree.nodes
+    for _ in range(limit):
+        if counts[0] == 0:
+            return DONE
+        if counts[0] + 2 > tree.stack.shape[0] or counts[1] + 1 > nodes.shape[0]:
+            return FULL
+        counts[0] -= 1
+        state.lower[:] = tree.stack[counts[0], 0]
+        state.upper[:] = tree.stack[counts[0], 1]
+        node = nodes[counts[1]]
+        node[:] = 0.0
+        counts[1] += 1
+        if not contract(chain, state):
+            node[0] = -1.0
+            counts[2] += 1
+            continue
+        sphere, obstacle, bound = find_blocked(chain, state, world, sweep, counts[6])
+        if sphere >= 0:
+            node[0], node[1], node[2], node[3] = -2.0, sphere, obstacle, bound
+            counts[3] += 1
+            counts[6] = sphere * world.obstacles.shape[0] + obstacle
+            continue
+        joint, value = choose_split(state)
+        if joint < 0:
+            node[0] = -3.0
+            counts[4] += 1
+        else:
+            _push(state, tree, node, joint, value)
+        counts[7] += 1
+        if state.tangent[0, 0] > 0.0 or counts[7] >= 16:
+            counts[5] += 1
+            counts[7] = 0
+            for k in range(root.shape[1]):
+                tree.found[k] = 0.5 * (state.lower[k] + state.upper[k])
+            if search_from(chain, world, root[0], root[1], tree.found, tolerance, 12):
+                return FOUND
+    return PAUSED
+
+
+@kernel
+def _push(state: State, tree: Tree, node: Array, joint: int, value: float) -> None:
+    """Put both halves on the stack and write the split down."""
+    top = tree.counts[0]
+    node[0], node[1], node[2] = joint - 1.0, value, 0.0
+    for half in range(2):
+        tree.stack[top + half, 0] = state.lower
+        tree.stack[top + half, 1] = state.upper
+    tree.stack[top, 0, joint] = value
+    tree.stack[top + 1, 1, joint] = value
+    tree.counts[0] = top + 2

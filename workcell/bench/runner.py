@@ -180,7 +180,7 @@ def solve_set(
     with _output(out) as file:
         for line in _lines(task, jobs):
             if file is not None:
-                _write(file, line, out)
+                _write(file, line)
             statuses[line["status"]] += 1
             if line["status"] not in (Status.NOT_FOUND.value, Status.SOLVER_ERROR.value):
                 solvers[line["solver"]] += 1
@@ -355,23 +355,21 @@ def _output(out: Path | None) -> Iterator[TextIO | None]:
             f"can't be written: {error.strerror}", where=partial, remedy="choose a writable folder with --out"
         ) from None
     try:
-        with file:
-            yield file
+        yield file
+        file.close()
+        partial.replace(out)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"interrupted; the answers so far are in {partial}") from None
-    try:
-        partial.replace(out)
     except OSError as error:
         raise OutputError(
-            f"can't be written: {error.strerror}", where=out, remedy=f"the answers are in {partial}"
+            f"can't be written: {error.strerror}", where=out, remedy=f"the answers so far are in {partial}"
         ) from None
+    finally:
+        # what is still buffered can't be written to a full disk when it is closed either
+        with contextlib.suppress(OSError):
+            file.close()
 
 
-def _write(file: TextIO, line: dict[str, Any], out: Path | None) -> None:
-    try:
-        file.write(json.dumps(line) + "\n")
-        file.flush()
-    except OSError as error:
-        raise OutputError(
-            f"can't be written: {error.strerror}", where=out, remedy="is the disk full?"
-        ) from None
+def _write(file: TextIO, line: dict[str, Any]) -> None:
+    file.write(json.dumps(line) + "\n")
+    file.flush()

@@ -101,13 +101,14 @@ class _Search:
         self._misses: dict[str, float] = {}
 
     def _forgiveness(self) -> Array:
-        """(lanes, spheres) metres by which spheres are shrunk: where another judge knows the true shape, every other
-        lane takes an outer cover without its overshoot."""
+        """(lanes, spheres) metres by which spheres are shrunk. Where another judge knows the true shape, one lane in four
+        takes an outer cover without its overshoot, and one sees no obstacle at all and leaves them to the judge."""
         cover = self.problem.cover
         assert cover is not None and cover.overshoot is not None
         forgiven = np.zeros((LANES, len(cover)))
         if self.problem.checker is not None:
-            forgiven[1::2] = cover.overshoot
+            forgiven[1::4] = cover.overshoot
+            forgiven[3::4] = np.inf
         return forgiven
 
     def near_misses(self) -> tuple[str, ...]:

@@ -1,0 +1,81 @@
+"""Small arms with spheres, for the tests of the solvers and the judge."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from workcell.geometry.types import Piece, SphereCover
+from workcell.model.robot import Robot, Tool
+from workcell.pose import Pose, axis_angle_to_matrix
+
+
+def planar(lengths: tuple[float, ...] = (0.5, 0.4), limit: float = np.pi) -> Robot:
+    """Revolute joints about z; link k is `lengths[k]` long, along x; the tool at the end of the last."""
+    n = len(lengths)
+    xyz = np.array([[0.0, 0.0, 0.0], *[[length, 0.0, 0.0] for length in lengths[:-1]]])
+    return _robot(
+        "planar", xyz, np.tile(np.eye(3), (n, 1, 1)), np.tile([0.0, 0, 1], (n, 1)), limit, [lengths[-1], 0, 0]
+    )
+
+
+def seven() -> Robot:
+    """A seven-joint arm: roll and pitch joints in turn, with offsets at the elbow."""
+    xyz = np.array(
+        [[0, 0, 0.3], [0, 0, 0.1], [0, 0.05, 0.3], [0, 0, 0.1], [0.05, 0, 0.3], [0, 0, 0.08], [0, 0.03, 0.1]]
+    )
+    axes = np.array([[0.0, 0, 1] if k % 2 == 0 else [0.0, 1, 0] for k in range(7)])
+    return _robot("seven", xyz, np.tile(np.eye(3), (7, 1, 1)), axes, 2.6, [0, 0, 0.15])
+
+
+def random_arm(rng: np.random.Generator, n: int = 6, sliding: bool = False) -> Robot:
+    """Any serial chain; with `sliding`, some joints are prismatic."""
+    axes = rng.normal(size=(n, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    turns = rng.normal(size=(n, 3))
+    turns /= np.linalg.norm(turns, axis=1, keepdims=True)
+    rotation = axis_angle_to_matrix(turns, rng.uniform(-np.pi, np.pi, n))
+    base = Pose(rng.normal(size=3), _unit(rng.normal(size=4)))
+    tool = Pose(0.2 * rng.normal(size=3), _unit(rng.normal(size=4)))
+    prismatic = rng.uniform(size=n) < 0.4 if sliding else np.zeros(n, dtype=bool)
+    return _robot("random", 0.3 * rng.normal(size=(n, 3)), rotation, axes, 2.0, tool, prismatic, base)
+
+
+def beads(robot: Robot, radius: float = 0.05) -> SphereCover:
+    """Two spheres a link: at its origin, and half way to what comes next."""
+    ahead = [*robot.joint_xyz[1:], robot.tool().T_link_tool.position]
+    links = np.repeat(np.arange(1, robot.dof + 1), 2)
+    centres = np.array([point for step in ahead for point in (np.zeros(3), 0.5 * step)])
+    return SphereCover(links, centres, np.full(len(links), radius))
+
+
+def box(name: str, centre: tuple[float, ...], half: tuple[float, ...]) -> Piece:
+    """An axis-aligned box."""
+    return Piece(name, "box", Pose.from_xyz(centre), np.array(half))
+
+
+def _unit(v):
+    return v / np.linalg.norm(v)
+
+
+def _robot(name, xyz, rotation, axes, limit, tool, prismatic=None, base=None) -> Robot:
+    n = len(xyz)
+    pose = tool if isinstance(tool, Pose) else Pose.from_xyz(tool)
+    limits = np.full(n, float(limit))
+    return Robot(
+        name=name,
+        joint_names=tuple(f"j{k + 1}" for k in range(n)),
+        link_names=("base", *(f"link{k + 1}" for k in range(n))),
+        parents=np.arange(n),
+        joint_xyz=xyz,
+        joint_rotation=rotation,
+        axis=axes,
+        prismatic=np.zeros(n, dtype=bool) if prismatic is None else prismatic,
+        lower=-limits,
+        upper=limits,
+        velocity=np.full(n, np.inf),
+        acceleration=np.full(n, np.inf),
+        effort=np.full(n, np.inf),
+        tools={"tool": Tool("tool", n, pose)},
+        default_tool="tool",
+        T_world_base=Pose.identity() if base is None else base,
+    )

@@ -25,7 +25,7 @@ def make_blueprint(
         metrics: names below `metrics/`.
         eye: camera position and the point it looks at, (3,) each.
     """
-    rerun()
+    rr = rerun()
     import rerun.blueprint as rrb
 
     collision = [f"- /world/robots/{name}/collision/**" for name in robots]
@@ -43,7 +43,10 @@ def make_blueprint(
             origin="/world",
             name=name,
             contents=["+ /world/**", *collision, *hidden],
-            overrides={f"/world/robots/{robot}/trace": [whole_past] for robot in robots},
+            overrides={
+                f"/world/robots/{robot}/trace": [rr.LineStrips3D.from_fields().visualizer(), whole_past]
+                for robot in robots
+            },
             eye_controls=rrb.EyeControls3D(position=eye[0], look_target=eye[1], eye_up=[0, 0, 1]),
         )
 

@@ -68,7 +68,7 @@ def _glance(stage: Stage, time: float) -> Glance:
     seen = [*tools, *(stage.pose(path, time).position for path in stage.object_paths().values())]
     blockers = []
     for thing in stage.things:
-        if thing.kind not in ("robots", "obstacles"):
+        if thing.kind not in ("robots", "obstacles") or all(rgba[3] < 0.5 for _, rgba in thing.parts):
             continue
         box = _bounding_box(thing)
         pose = stage.pose(thing.path, time)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from workcell.record.review import Review
 
 _SOLID = ("robots", "objects", "obstacles")
+_OPAQUE = 0.98
 _MOMENTS = 6
 _COLUMNS = 3
 _TILE = (520, 390)
@@ -50,25 +51,30 @@ class Studio:
         self.camera = Camera(
             camera.position, camera.target, 2 * camera.width, 2 * camera.height, camera.fov_deg
         )
-        still = stage.surfaces(0.0, _SOLID, moving=False)
+        still, self._glass = _split(stage.surfaces(0.0, _SOLID, moving=False))
         self._still: Buffers = rasterise(still, self.camera)
         self._light = Light.over(*_ball(stage), still)
 
     def picture(self, time: float, translucent: Sequence[str] = (), robots: bool = True) -> Array:
         """The picture (h, w, 3) in [0, 1] at a time; `translucent`: `spheres`, `free_space`."""
         kinds = _SOLID if robots else ("objects", "obstacles")
-        moving = self.stage.surfaces(time, kinds, moving=True)
+        moving, glass = _split(self.stage.surfaces(time, kinds, moving=True))
         buffers = rasterise(moving, self.camera, onto=self._still)
         picture = shade(buffers, self.camera, self._light.with_more(moving))
+        glass += self._glass + self.stage.surfaces(time, tuple(translucent))
+        picture = blend(picture, buffers, self.camera, glass)
         for line in self.stage.lines(time):
             picture = draw_line(picture, buffers, self.camera, line)
-        if translucent:
-            picture = blend(picture, buffers, self.camera, self.stage.surfaces(time, tuple(translucent)))
         return halve(picture)
 
     def place(self, point: Array) -> Array:
         """Where a world point (3,) is in the halved picture (2,)."""
         return self.camera.project(np.asarray(point)[None])[0, :2] / 2
+
+
+def _split(surfaces: list[Surface]) -> tuple[list[Surface], list[Surface]]:
+    """Opaque surfaces, and translucent ones."""
+    return [s for s in surfaces if s.rgba[3] > _OPAQUE], [s for s in surfaces if s.rgba[3] <= _OPAQUE]
 
 
 def _ball(stage: Stage) -> tuple[Array, float]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,23 +87,23 @@ class Buffers:
 
     Attributes:
         nearness: (h, w) reciprocal depth (parallel: minus depth); -inf where nothing is.
-        normal: (h, w, 3) unit, world.
-        rgb: (h, w, 3).
+        normal: (h, w, 3) unit, world, single precision.
+        rgb: (h, w, 3), single precision.
         ident: (h, w), -1 where nothing is.
     """
 
     nearness: Array
-    normal: Array
-    rgb: Array
+    normal: NDArray[np.float32]
+    rgb: NDArray[np.float32]
     ident: NDArray[np.int64]
 
     @staticmethod
     def empty(camera: Camera) -> Buffers:
         """Nothing seen yet."""
         shape = (camera.height, camera.width)
-        return Buffers(
-            np.full(shape, -np.inf), np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.full(shape, -1)
-        )
+        # single precision is plenty for light, and twice as fast
+        normal, rgb = np.zeros((*shape, 3), dtype=np.float32), np.zeros((*shape, 3), dtype=np.float32)
+        return Buffers(np.full(shape, -np.inf), normal, rgb, np.full(shape, -1))
 
     def copy(self) -> Buffers:
         """An independent copy."""
@@ -123,10 +124,10 @@ class Buffers:
         return points
 
 
-def unit(vectors: Array) -> Array:
+def unit(vectors: NDArray[Any]) -> NDArray[Any]:
     """Vectors (k, 3) at length 1."""
     length = np.sqrt(np.einsum("pj,pj->p", vectors, vectors))
-    scaled: Array = vectors / np.maximum(length, 1e-12)[:, None]
+    scaled: NDArray[Any] = vectors / np.maximum(length, 1e-12)[:, None]
     return scaled
 
 

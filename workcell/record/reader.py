@@ -1,13 +1,7 @@
-"""Reading an `.rrd` file back from the file alone, damaged ones as far as they go.
-
-A file is a header of 12 bytes (`RRF2`, version, options), then frames: kind and length (8 bytes each, little endian)
-and a payload; an index at the end repeats where they lie. The frames of a file without a valid index are read one
-after the other, so that what a killed or cut-off run left is still there.
-"""
+"""Reading an `.rrd` file back from the file alone, damaged ones as far as they go."""
 
 from __future__ import annotations
 
-import struct
 import tempfile
 import warnings
 from collections.abc import Iterator
@@ -20,12 +14,8 @@ from numpy.typing import NDArray
 
 from workcell.errors import RecordingError
 from workcell.pose import Array
+from workcell.record.frames import DATA, MAGIC, STORE_INFO, split_frames
 from workcell.record.rrd import TIME, rerun
-
-_MAGIC = b"RRF2"
-_HEADER_BYTES, _FRAME_HEADER = 12, struct.Struct("<QQ")
-_STORE_INFO, _DATA, _ACTIVATION = 1, 2, 3
-_KNOWN_KINDS = (_STORE_INFO, _DATA, _ACTIVATION)
 
 
 @dataclass(slots=True)
@@ -123,8 +113,8 @@ def read(path: str | Path) -> Contents:
             where=path,
             remedy="give the path of an .rrd file",
         ) from None
-    if data[:4] != _MAGIC:
-        start = "an empty file" if not data else f"it starts with {data[:4]!r} instead of {_MAGIC!r}"
+    if data[:4] != MAGIC:
+        start = "an empty file" if not data else f"it starts with {data[:4]!r} instead of {MAGIC!r}"
         raise RecordingError(
             f"this is not an .rrd recording: {start}", where=path, remedy="give the path of an .rrd file"
         )
@@ -140,18 +130,15 @@ def read(path: str | Path) -> Contents:
             where=path,
             remedy=f"it was written by Rerun {version}, this is Rerun {rerun().__version__}; record the run again",
         )
-    if not _indexed(data):
+    if not split_frames(data).indexed:
         missing.insert(
-            0, "the file was not finished: the run was stopped before it could close its recording"
+            0,
+            "the file was not finished: the run was stopped before it closed its recording, or the end is cut off",
         )
     entities: dict[str, Entity] = {}
     for chunk in chunks:
         _add(entities, chunk)
     return Contents(path, version, store, entities, blueprint, tuple(missing))
-
-
-def _indexed(data: bytes) -> bool:
-    return b"RRF2FOOT" in data[-16:]
 
 
 def _read_whole(path: Path) -> tuple[str | None, bool, list[Any]]:
@@ -171,11 +158,11 @@ def _read_whole(path: Path) -> tuple[str | None, bool, list[Any]]:
 
 def _salvage(data: bytes, missing: list[str]) -> tuple[str | None, bool, list[Any]]:
     """What the whole frames of a damaged file hold."""
-    frames, end = _frames(data)
-    if end < len(data):
-        missing.append(f"the last {len(data) - end} of {len(data)} bytes are cut off or damaged")
-    head = data[:_HEADER_BYTES] + b"".join(f for kind, f in frames if kind == _STORE_INFO)
-    bodies = [f for kind, f in frames if kind == _DATA]
+    whole = split_frames(data)
+    if whole.rest:
+        missing.append(f"the last {whole.rest} of {len(data)} bytes are cut off or damaged")
+    head = whole.header + b"".join(frame for kind, frame in whole.frames if kind == STORE_INFO)
+    bodies = [frame for kind, frame in whole.frames if kind == DATA]
     with tempfile.TemporaryDirectory() as folder:
         scratch = Path(folder) / "part.rrd"
         parts = list(_readable_parts(scratch, head, bodies))
@@ -186,22 +173,6 @@ def _salvage(data: bytes, missing: list[str]) -> tuple[str | None, bool, list[An
     chunks = [chunk for part in good for chunk in part[2]]
     application = next((part[0] for part in good if part[0] is not None), None)
     return (application if chunks else None), any(part[1] for part in good), chunks
-
-
-def _frames(data: bytes) -> tuple[list[tuple[int, bytes]], int]:
-    """Whole frames (kind, bytes with their header), and where the first that is not whole begins."""
-    frames: list[tuple[int, bytes]] = []
-    at = _HEADER_BYTES
-    while at + _FRAME_HEADER.size <= len(data):
-        kind, length = _FRAME_HEADER.unpack_from(data, at)
-        end = at + _FRAME_HEADER.size + length
-        if kind == 0:
-            return frames, len(data)  # the index: not needed
-        if kind not in _KNOWN_KINDS or end > len(data):
-            break
-        frames.append((kind, data[at:end]))
-        at = end
-    return frames, at
 
 
 def _readable_parts(scratch: Path, head: bytes, bodies: list[bytes]) -> Iterator[tuple[int, Any]]:

@@ -57,8 +57,8 @@ class Recording:
     """An `.rrd` file being written. Use it as a context manager.
 
     Rows are handed to the operating system about once a second, so that a killed process leaves a readable file.
-    While it is open the file is `<name>.partial.rrd`; `close` renames it to `path`. A run that ends with an
-    exception keeps the partial file, with the failure as its last event: an earlier recording at `path` is intact.
+    While it is open the file is `<name>.partial.rrd`; `close` writes the finished one to `path`. A run that ends with
+    an exception keeps the partial file, with the failure as its last event: an earlier recording at `path` is intact.
 
     Args:
         path: where the finished recording is to lie; its folder is made.
@@ -114,9 +114,7 @@ class Recording:
         self._writer.log_document("manifest", to_json(self._manifest))
         names = [entity(name) for name in scene.robots], [entity(name) for name in scene.objects]
         metrics = ("clearance", "tracking_error", *(f"{JOINT_POSITIONS}/{name}" for name in names[0]))
-        self._writer.send_blueprint(
-            make_blueprint(*names, metrics, scenery.eye(scene.model, scene.initial_qpos()))
-        )
+        self._writer.send_blueprint(make_blueprint(*names, metrics, scenery.eye(scene)))
         self._send_frames(np.zeros(1), scene.initial_qpos()[None])
         self.flush()
 
@@ -293,9 +291,7 @@ class Recording:
             self._add_last_frame()
             self.flush()
             self._open = False
-            self._writer.close()
-            with writing(self.path):
-                self.partial_path.replace(self.path)
+            self._writer.finish(self.path)
         return self.path
 
     def fail(self, reason: str, status: str = "ERROR") -> Path:
@@ -308,7 +304,7 @@ class Recording:
                 self.event(self._last_time, reason, "ERROR")
                 if not self._has_result:
                     self.set_result({"achieved": False, "status": status, "message": reason})
-                self._writer.close()
+                self._writer.finish(self.partial_path)
             except OutputError:
                 pass  # the disk is what failed: what reached it stays readable
         return self.partial_path

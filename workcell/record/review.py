@@ -139,7 +139,7 @@ def review(path: str | Path) -> Review:
     if not metrics:
         missing.append("no metrics")
     checks = _checks(result, metrics, objects, events)
-    verdict, reason = _verdict(result, checks)
+    verdict, reason = _verdict(result, checks, damaged=bool(contents.missing))
     last = [float(times[-1]) for times in [stage.times, *(s.times for s in series.values())] if len(times)]
     inventory = {p: (tuple(e.components()), e.rows()) for p, e in sorted(contents.entities.items())}
     return Review(
@@ -220,14 +220,18 @@ def _checks(
     return tuple(checks)
 
 
-def _verdict(result: Mapping[str, Any], checks: tuple[Check, ...]) -> tuple[str, str]:
+def _verdict(result: Mapping[str, Any], checks: tuple[Check, ...], *, damaged: bool) -> tuple[str, str]:
     failed = [check for check in checks if not check.passed]
     if not result:
         return INCOMPLETE, "the recording ends before the run wrote its result"
     if result.get("status") in _STOPPED:
-        return INCOMPLETE, str(result.get("message") or "the run was stopped before its end")
+        return INCOMPLETE, str(
+            result.get("message") or result.get("sentence") or "the run was stopped before its end"
+        )
+    if damaged:
+        return INCOMPLETE, "part of the recording is missing, so the run can't be judged as a whole"
     if result.get("achieved") is not True:
-        why = result.get("message") or result.get("reason") or result.get("status") or "the run says so"
+        why = result.get("sentence") or result.get("message") or result.get("status") or "the run says so"
         return NOT_ACHIEVED, str(why)
     if failed:
         return NOT_ACHIEVED, "the run claims success, but: " + "; ".join(check.finding for check in failed)

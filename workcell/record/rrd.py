@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import uuid
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +15,11 @@ from numpy.typing import NDArray
 
 from workcell.errors import OutputError
 from workcell.pose import Array, Pose, to_xyzw
+from workcell.record.frames import STORE_INFO, split_frames
 from workcell.record.shapes import Shape
+
+_PATIENCE_S = 15.0
+"""Rerun's writer thread may die of a full disk without telling: then waiting for it longer is in vain."""
 
 APPLICATION = "workcell"
 TIME, STEP = "sim_time", "step"
@@ -40,69 +46,101 @@ def frame_of(path: str) -> str:
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Turns Rerun's failures to write into an OutputError that names the file."""
+    """Turns the operating system's refusals into an OutputError that names the file."""
     try:
         yield
-    except (RuntimeError, OSError) as error:
+    except OSError as error:
         raise OutputError(
-            f"the recording can't be written: {_reason(error)}",
+            f"the recording can't be written: {error.strerror or error}",
             where=path,
             remedy="choose a folder that is writable and has room, with --out",
         ) from None
 
 
-def _reason(error: Exception) -> str:
-    text = str(error)
-    if isinstance(error, OSError) and error.strerror:
-        return error.strerror
-    for known in ("No space left on device", "File too large", "Read-only file system", "Permission denied"):
-        if known in text:
-            return known
-    if "File-writer thread" in text:
-        return "the disk is full, or the file's folder is gone"
-    return text
-
-
 class RrdWriter:
     """One open `.rrd` file. Everything logged before a `flush` is on disk after it.
 
+    Rerun encodes and this class writes, so that a disk that is full is noticed at once and by name. Until `finish`
+    the file has no index: it is readable to the last flush, whatever becomes of the process.
+
     Args:
         path: the file; an existing one is replaced.
-        recording_id: names the recording; a fresh random one when None.
 
     Raises:
-        OutputError: by every method, when the file can't be written.
+        OutputError: by `__init__`, `flush` and `finish`, when the file can't be written.
     """
 
-    def __init__(self, path: Path, recording_id: str | None = None) -> None:
+    def __init__(self, path: Path) -> None:
         rr = rerun()
         self.path, self._rr = path, rr
+        self._recording_id = str(uuid.uuid4())
+        self._stream = rr.RecordingStream(APPLICATION, recording_id=self._recording_id)
+        self._stream.set_log_time_enabled(False)
+        self._stream.set_log_tick_enabled(False)
+        self._encoded = self._stream.binary_stream()
+        self._blueprint: Any = None
+        self._announced: set[bytes] = set()
         with writing(path):
-            self._stream = rr.RecordingStream(APPLICATION, recording_id=recording_id)
-            self._stream.set_log_time_enabled(False)
-            self._stream.set_log_tick_enabled(False)
-            self._stream.save(path)
+            self._file = path.open("wb", buffering=0)
 
     def send_blueprint(self, blueprint: Any) -> None:
         """How the viewer is to show the recording."""
-        with writing(self.path):
-            self._stream.send_blueprint(blueprint, make_active=True, make_default=True)
+        self._blueprint = blueprint
+        self._stream.send_blueprint(blueprint, make_active=True, make_default=True)
 
     def flush(self) -> None:
         """Hands everything logged so far to the operating system."""
-        with writing(self.path):
-            self._stream.flush()
+        part = split_frames(self._encoded.read(flush=True) or b"")
+        pieces = [] if self._announced else [part.header]
+        for kind, frame in part.frames:
+            if kind != STORE_INFO or frame not in self._announced:  # every part says again what it belongs to
+                pieces.append(frame)
+            if kind == STORE_INFO:
+                self._announced.add(frame)
+        self._write(b"".join(pieces))
 
-    def close(self) -> None:
-        """Flushes, writes the file's index and lets go of the file."""
+    def _write(self, data: bytes) -> None:
         with writing(self.path):
-            self._stream.flush()
-            self._stream.disconnect()
+            view = memoryview(data)
+            while view:
+                view = view[self._file.write(view) or 0 :]
+
+    def finish(self, path: Path) -> None:
+        """Writes the whole recording, its rows gathered into few blocks and with an index, to `path` at once."""
+        self.flush()
+        data = self._gathered()
+        with writing(path):
+            self._file.close()
+            temporary = path.with_name(f".{path.name}.tmp")
+            try:
+                with temporary.open("wb") as file:
+                    file.write(data)
+                    file.flush()
+                    os.fsync(file.fileno())
+                temporary.replace(path)
+            finally:
+                temporary.unlink(missing_ok=True)
+            if path != self.path:
+                self.path.unlink()
+
+    def _gathered(self) -> bytes:
+        from rerun.chunk import RrdReader
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a file without an index is called a legacy file
+            chunks = RrdReader(self.path).stream().collect().stream().to_chunks()
+        stream = self._rr.RecordingStream(APPLICATION, recording_id=self._recording_id, send_properties=False)
+        encoded = stream.binary_stream()
+        if self._blueprint is not None:
+            stream.send_blueprint(self._blueprint, make_active=True, make_default=True)
+        stream.send_chunks(chunks)
+        data: bytes = encoded.read(flush=True)
+        stream.disconnect()
+        return data
 
     def log(self, path: str, *archetypes: Any) -> None:
         """Static data: true at all times."""
-        with writing(self.path):
-            self._stream.log(path, *archetypes, static=True)
+        self._stream.log(path, *archetypes, static=True)
 
     def log_pose(self, path: str, pose: Pose, carrier: str | None = None) -> None:
         """A transform from the entity to its parent, or to the entity `carrier`, that never changes."""
@@ -166,8 +204,7 @@ class RrdWriter:
 
     def log_property(self, name: str, values: dict[str, Any]) -> None:
         """Properties of the recording, which the viewer lists beside its name."""
-        with writing(self.path):
-            self._stream.send_property(name, self._rr.AnyValues(**values))
+        self._stream.send_property(name, self._rr.AnyValues(**values))
 
     def name_series(self, path: str, names: Sequence[str]) -> None:
         """Names of the lines that `send_scalars` draws."""
@@ -193,18 +230,16 @@ class RrdWriter:
 
     def log_text(self, path: str, time: float, step: int, text: str, level: str) -> None:
         """One line of the event log."""
-        with writing(self.path):
-            self._stream.set_time(TIME, duration=time)
-            self._stream.set_time(STEP, sequence=step)
-            self._stream.log(path, self._rr.TextLog(text, level=level))
-            self._stream.reset_time()
+        self._stream.set_time(TIME, duration=time)
+        self._stream.set_time(STEP, sequence=step)
+        self._stream.log(path, self._rr.TextLog(text, level=level))
+        self._stream.reset_time()
 
     def _send(self, path: str, indexes: Indexes, columns: Any) -> None:
         times, steps = indexes
         rr = self._rr
         index = [rr.TimeColumn(TIME, duration=times), rr.TimeColumn(STEP, sequence=steps)]
-        with writing(self.path):
-            self._stream.send_columns(path, indexes=index, columns=columns)
+        self._stream.send_columns(path, indexes=index, columns=columns)
 
 
 Indexes = tuple[Array, NDArray[np.int64]]

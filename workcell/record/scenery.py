@@ -78,11 +78,19 @@ def world_axes() -> tuple[Any, ...]:
     return (rerun().ViewCoordinates.RIGHT_HAND_Z_UP,)
 
 
-def eye(model: mujoco.MjModel, qpos: Array) -> tuple[Array, Array]:
-    """A camera position and the point it looks at: the moving bodies and what is near them, from the front left."""
-    positions, _ = BodyPoses(model)(np.asarray(qpos, dtype=float)[None])
-    moving = np.flatnonzero(model.body_weldid != 0)
-    points = positions[0][moving] if len(moving) else positions[0]
+def eye(scene: Scene) -> tuple[Array, Array]:
+    """A camera position and the point it looks at: the robots from their right-hand side as they face the goals."""
+    positions, _ = BodyPoses(scene.model)(scene.initial_qpos()[None])
+    moving = np.flatnonzero(scene.model.body_weldid != 0)
+    goals = np.array([goal.pose.position for goal in scene.goals.values()]).reshape(-1, 3)
+    points = np.concatenate([positions[0][moving], goals])
+    if not len(points):
+        points = positions[0]
     centre = (points.min(axis=0) + points.max(axis=0)) / 2
+    bases = np.array([robot.robot.T_world_base.position for robot in scene.robots.values()]).reshape(-1, 3)
+    ahead = (goals.mean(axis=0) if len(goals) else centre) - (bases.mean(axis=0) if len(bases) else centre)
+    ahead[2] = 0.0
+    ahead = ahead / np.linalg.norm(ahead) if np.linalg.norm(ahead) > 1e-6 else np.array([1.0, 0.0, 0.0])
+    right = np.array([ahead[1], -ahead[0], 0.0])
     reach = max(float(np.linalg.norm(np.ptp(points, axis=0))), 0.5)
-    return centre + reach * np.array([-1.1, -1.3, 0.8]), centre
+    return centre + 1.5 * reach * (right - 0.45 * ahead + np.array([0.0, 0.0, 0.5])), centre

@@ -64,16 +64,16 @@ def shade(buffers: Buffers, camera: Camera, light: Light | None = None) -> Array
     """The picture (h, w, 3) in [0, 1] of opaque buffers."""
     h, _ = buffers.nearness.shape
     seen = buffers.ident >= 0
-    picture = np.empty((*buffers.nearness.shape, 3))
+    picture = np.empty((*buffers.nearness.shape, 3), dtype=np.float32)
     picture[:] = (_SKY_TOP + (_SKY_BOTTOM - _SKY_TOP) * np.linspace(0, 1, h)[:, None])[:, None, :]
-    normals, points = buffers.normal[seen], buffers.points(camera)
-    sun = np.clip(normals @ _LIGHT, 0.0, 1.0)
+    normals, points = buffers.normal[seen], buffers.points(camera).astype(np.float32)
+    sun = np.clip(normals @ _LIGHT.astype(np.float32), 0.0, 1.0)
     if light is not None:
         facing = sun > 0.0
         sun[facing] *= light.lit(points[facing], normals[facing])
-    to_camera = unit(camera.position - points)
+    to_camera = unit(camera.position.astype(np.float32) - points)
     head = np.clip(np.einsum("pj,pj->p", normals, to_camera), 0.0, 1.0)
-    gloss = np.clip(np.einsum("pj,pj->p", normals, unit(to_camera + _LIGHT)), 0.0, 1.0)
+    gloss = np.clip(np.einsum("pj,pj->p", normals, unit(to_camera + _LIGHT.astype(np.float32))), 0.0, 1.0)
     for _ in range(5):
         gloss *= gloss  # to the 32nd power
     strength = 0.40 + 0.08 * normals[:, 2] + 0.24 * head + 0.42 * sun

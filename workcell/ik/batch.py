@@ -46,6 +46,7 @@ class BatchKinematics:
         self._turn, self._turn_squared = robot.joint_rotation @ K, robot.joint_rotation @ K @ K
         self._slides = bool(np.any(robot.prismatic))
         self._slide = np.einsum("kij,kj->ki", robot.joint_rotation, a)
+        self._base = robot.T_world_base.rotation, robot.T_world_base.position
         frame = robot.tool()
         self.tool_link = frame.link
         self._tool_rotation, self._tool_position = frame.T_link_tool.rotation, frame.T_link_tool.position
@@ -58,7 +59,7 @@ class BatchKinematics:
             robot.joint_rotation + np.sin(angle) * self._turn + (1.0 - np.cos(angle)) * self._turn_squared
         )
         rotation, position = np.empty((b, n + 1, 3, 3)), np.empty((b, n + 1, 3))
-        rotation[:, 0], position[:, 0] = robot.T_world_base.rotation, robot.T_world_base.position
+        rotation[:, 0], position[:, 0] = self._base
         for k in range(n):
             offset = robot.joint_xyz[k]
             if robot.prismatic[k]:
@@ -168,8 +169,9 @@ class Surroundings:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    out[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    first = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    out = np.empty((*first.shape, 3))
+    out[..., 0] = first
     out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
     out[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
     return out

@@ -56,7 +56,7 @@ def check_last_link(problem: IKProblem, certificate: Certificate) -> str | None:
         return "the problem has no spheres or no obstacles"
     if certificate.scope != _collision_scope(problem):
         return f"the scope {certificate.scope!r} claims too much: spheres prove it of {_collision_scope(problem)!r}"
-    if _deepest(problem, covered)[0] <= 0:
+    if _Depth.of(problem).deepest(covered)[0] <= 0:
         return "no sphere of the last link must penetrate an obstacle at the target"
     return None
 
@@ -169,31 +169,49 @@ def _prove_reach(problem: IKProblem) -> Certificate | None:
 def _prove_last_link(problem: IKProblem) -> Certificate | None:
     if problem.cover is None or not problem.obstacles:
         return None
-    for covered in _tolerances(problem):
-        margin, sphere, piece = _deepest(problem, covered)
-        if margin > 0:
-            statement = (
-                f"wherever the arm reaches the target, {sphere_name(problem, sphere)} is inside "
-                f"{problem.obstacles[piece].name}, {1e3 * margin:.1f} mm deeper than needed, {_covering(covered)}"
-            )
-            data = {"tolerances": covered, "pair": np.array([sphere, piece])}
-            digest = problem_hash(problem)
-            return Certificate("last_link", _collision_scope(problem), statement, margin, digest, data)
-    return None
+    wide, asked = _tolerances(problem)
+    depth = _Depth.of(problem)
+    margin, sphere, piece = depth.deepest(asked)
+    if margin <= 0:
+        return None
+    covered = asked
+    if depth.deepest(wide)[0] > 0:
+        covered, (margin, sphere, piece) = wide, depth.deepest(wide)
+    statement = (
+        f"wherever the arm reaches the target, {sphere_name(problem, sphere)} is inside "
+        f"{problem.obstacles[piece].name}, {1e3 * margin:.1f} mm deeper than needed, {_covering(covered)}"
+    )
+    data = {"tolerances": covered, "pair": np.array([sphere, piece])}
+    return Certificate("last_link", _collision_scope(problem), statement, margin, problem_hash(problem), data)
 
 
-def _deepest(problem: IKProblem, covered: Array) -> tuple[float, int, int]:
-    """(metres beyond what the tolerances can undo, sphere, piece) of the worst sphere that the target alone places."""
-    assert problem.cover is not None
-    chosen, in_tool, stray = _placed_spheres(problem)
-    if len(chosen) == 0:
-        return -np.inf, -1, -1
-    wander = stray + covered[0] + covered[1] * np.linalg.norm(in_tool, axis=1)
-    centres = in_tool @ problem.target.rotation.T + problem.target.position
-    gaps = ExactDistances(problem.obstacles)(centres) - problem.cover.radius[chosen, None] + wander[:, None]
-    row, piece = divmod(int(np.argmin(gaps)), gaps.shape[1])
-    wanted = problem.tolerances.safety_margin - covered[2]
-    return float(wanted - ROUNDING - gaps[row, piece]), int(chosen[row]), piece
+@dataclass(frozen=True, slots=True)
+class _Depth:
+    """Spheres that the target alone places: indices (s,), their gaps (s, k) to the obstacles there, how far their centres
+    may stray from there (s,), their distance (s,) to the tool point, and the clearance that is wanted."""
+
+    sphere: NDArray[np.int64]
+    gap: Array
+    stray: Array
+    lever: Array
+    wanted: float
+
+    @staticmethod
+    def of(problem: IKProblem) -> _Depth:
+        assert problem.cover is not None
+        sphere, in_tool, stray = _placed_spheres(problem)
+        centres = in_tool @ problem.target.rotation.T + problem.target.position
+        gap = ExactDistances(problem.obstacles)(centres) - problem.cover.radius[sphere, None]
+        lever = np.linalg.norm(in_tool, axis=1)
+        return _Depth(sphere, gap, stray, lever, problem.tolerances.safety_margin)
+
+    def deepest(self, covered: Array) -> tuple[float, int, int]:
+        """(metres beyond what the tolerances can undo, sphere, piece) of the worst sphere."""
+        if self.gap.size == 0:
+            return -np.inf, -1, -1
+        gaps = self.gap + (self.stray + covered[0] + covered[1] * self.lever)[:, None]
+        row, piece = divmod(int(np.argmin(gaps)), gaps.shape[1])
+        return float(self.wanted - covered[2] - ROUNDING - gaps[row, piece]), int(self.sphere[row]), piece
 
 
 def _placed_spheres(problem: IKProblem) -> tuple[NDArray[np.int64], Array, Array]:

@@ -21,6 +21,7 @@ LANES = 16
 """Starts that advance together."""
 ROTATION_WEIGHT = 0.3
 """Metres that a radian weighs in the residual."""
+_WEIGHTS = np.array([1.0, 1.0, 1.0, ROTATION_WEIGHT, ROTATION_WEIGHT, ROTATION_WEIGHT])
 HINGE_MARGIN = 2e-4
 """Metres beyond the wanted clearance at which the hinge begins, so that a solution is not left on the edge."""
 HINGE_WEIGHT = 0.15
@@ -190,8 +191,7 @@ class _Search:
         error, J = self._kinematics.pose_error(links, self.problem.target, self._target_rotation)
         squared = error * error
         away, turned = np.sqrt(squared[:, :3].sum(1)), np.sqrt(squared[:, 3:].sum(1))
-        weight = np.array([1.0, 1.0, 1.0, *[ROTATION_WEIGHT] * 3])
-        r, J = error * weight, J * weight[:, None]
+        r, J = error * _WEIGHTS, J * _WEIGHTS[:, None]
         Jt = np.swapaxes(J, 1, 2)
         b = len(q)
         lanes = _Lanes(

@@ -63,20 +63,15 @@ def motion_bound(robot: Robot, q: Array, half: Array, extent: SphereCover) -> fl
         return 0.0
     T = robot.link_transforms(q)
     centres = extent.centres_world(T)
+    axes = np.einsum("kij,kj->ki", T[1:, :3, :3], robot.axis)
+    from_axis = np.cross(centres[:, None] - T[None, 1:, :3, 3], axes[None])
+    arms = np.sqrt(np.einsum("mki,mki->mk", from_axis, from_axis)) + extent.radius[:, None]
+    chords = np.where(robot.prismatic, 0.0, 2 * np.sin(np.minimum(half, np.pi) / 2))
+    slides = np.where(robot.prismatic, half, 0.0)
+    carried = extent.link[:, None] > np.arange(robot.dof)
     moved = np.zeros(len(extent))
     for j in range(robot.dof - 1, -1, -1):
-        carried = extent.link > j
-        if half[j] == 0 or not carried.any():
-            continue
-        if robot.prismatic[j]:
-            moved[carried] += half[j]
-            continue
-        axis = T[j + 1, :3, :3] @ robot.axis[j]
-        arm = (
-            np.linalg.norm(np.cross(centres[carried] - T[j + 1, :3, 3], axis), axis=1)
-            + extent.radius[carried]
-        )
-        moved[carried] += 2 * np.sin(min(half[j], np.pi) / 2) * (arm + moved[carried])
+        moved += carried[:, j] * (slides[j] + chords[j] * (arms[:, j] + moved))
     return float(moved.max())
 
 

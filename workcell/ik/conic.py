@@ -180,7 +180,7 @@ def _settings(tolerance: float) -> Any:
     # rows and variables are of order one; without scaling an answer can't depend on earlier problems' numbers
     settings.equilibrate_enable = False
     # the polish and the certificate's own check make up for the digits that refinement would add
-    settings.iterative_refinement_enable = False
+    settings.iterative_refinement_enable = tolerance < 1e-7
     settings.max_iter = 60
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
     return settings

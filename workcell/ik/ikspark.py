@@ -113,7 +113,7 @@ class Search:
                 if q is not None or proof is not None:
                     return self.result(q, proof)
                 failures = failures + 1 if self.last.x is None and convex is instance else 0
-            if failures == MOST_FAILURES:
+            if failures == MOST_FAILURES and self.last.ray is None:
                 self.error = "Clarabel found neither a point of the relaxation nor a proof that it is empty"
             return self.result(None, self._model_proof)
 

@@ -25,8 +25,8 @@ _INCONSISTENT = 1e-9
 class Structure:
     """A `Relaxation`, the sparsity pattern that holds at every goal, and idle solvers of that pattern."""
 
-    def __init__(self, relaxation: Relaxation, tensor: Array) -> None:
-        self.relaxation = relaxation
+    def __init__(self, relaxation: Relaxation, tensor: Array, tolerance: float) -> None:
+        self.relaxation, self.tolerance = relaxation, tolerance
         mask = np.any(tensor[:, :-1] != 0.0, axis=-1)
         first = relaxation.first_halfspace
         mask[first : first + relaxation.halfspaces] = True
@@ -50,7 +50,7 @@ class Structure:
 
         starts = np.searchsorted(self.columns, np.arange(self.shape[1] + 1))
         sparse = csc_matrix((A[self.rows, self.columns], self.rows, starts), shape=self.shape)
-        return ConicSolver(sparse, b, self.cones), True
+        return ConicSolver(sparse, b, self.cones, tolerance=self.tolerance), True
 
 
 class Instance:
@@ -183,9 +183,9 @@ def _relaxation(key: _Key) -> Relaxation:
 
 
 @lru_cache(maxsize=32)
-def _structure(key: _Key) -> Structure:
+def _structure(key: _Key, tolerance: float) -> Structure:
     relaxation = _relaxation(key)
-    return Structure(relaxation, relaxation.pattern())
+    return Structure(relaxation, relaxation.pattern(), tolerance)
 
 
 def _key(problem: IKProblem, halfspaces: int) -> _Key:
@@ -208,9 +208,9 @@ def relaxation_of(problem: IKProblem, *, halfspaces: int = 0) -> Relaxation:
 
 
 @contextmanager
-def instance_of(problem: IKProblem, *, halfspaces: int = 0) -> Iterator[Instance]:
+def instance_of(problem: IKProblem, *, halfspaces: int = 0, tolerance: float = 1e-6) -> Iterator[Instance]:
     """A problem's relaxation with room for `halfspaces` more rows; raises as `relaxation_of`."""
-    instance = Instance(problem, _structure(_key(problem, halfspaces)))
+    instance = Instance(problem, _structure(_key(problem, halfspaces), tolerance))
     try:
         yield instance
     finally:

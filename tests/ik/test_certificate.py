@@ -1,0 +1,240 @@
+"""Proofs: made where there is no solution, never where there is one, refused when damaged, kept when saved."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.ik.arms import beads, box
+from tests.ik.lifted_arms import parallel_elbow, scara, seven_axis, skew_arm
+from workcell.errors import InputError
+from workcell.geometry.types import FreeSpace
+from workcell.ik.certificate import Certificate, problem_hash
+from workcell.ik.farkas import certify_kinematics, check_farkas
+from workcell.ik.ikspark import solve_ikspark
+from workcell.ik.ikspark_cuboids import CuboidSet, certify_model, meeting_pairs, reachable_pairs, sphere_maps
+from workcell.ik.instance import instance_of, relaxation_of
+from workcell.ik.problem import Budget, IKProblem, Tolerances
+from workcell.model.robot import Robot
+from workcell.pose import Pose, axis_angle_to_matrix
+
+BUDGET = Budget(10.0)
+
+
+def far(robot: Robot, seed: int = 0, away: float = 2.0) -> IKProblem:
+    target = robot.fk(robot.random_configuration(np.random.default_rng(seed)))
+    return IKProblem(robot, Pose(target.position + away * np.eye(3)[0], target.quat_wxyz))
+
+
+def proof(problem: IKProblem) -> Certificate:
+    candidate = solve_ikspark(problem, BUDGET, 0)
+    assert candidate.q is None and candidate.certificate is not None, candidate
+    return candidate.certificate
+
+
+ARMS = [seven_axis(), parallel_elbow(), scara(), *(skew_arm(n, n) for n in (1, 2, 3, 5, 8))]
+
+
+@pytest.mark.parametrize("robot", ARMS, ids=lambda robot: f"{robot.name}{robot.dof}")
+def test_far_targets_are_certified(robot: Robot) -> None:
+    problem = far(robot, away=4.0)
+    certificate = proof(problem)
+    assert certificate.scope == "kinematics" and certificate.margin > 0
+    assert check_farkas(problem, certificate) is None
+
+
+def test_joint_limits_alone_can_be_the_reason() -> None:
+    robot, wide = seven_axis(0.4), seven_axis()
+    problem = IKProblem(robot, wide.fk(np.array([2.5, 1.0, 0.3, -1.5, 0.2, 1.0, 0.0])))
+    certificate = proof(problem)
+    assert check_farkas(problem, certificate) is None
+    assert solve_ikspark(replace(problem, robot=wide), BUDGET, 0).q is not None
+
+
+def test_a_target_off_the_plane_of_a_planar_arm() -> None:
+    robot = scara()
+    target = robot.fk(np.array([0.3, 0.5, -0.2]))
+    problem = IKProblem(robot, Pose(target.position + 0.01 * np.eye(3)[2], target.quat_wxyz))
+    assert check_farkas(problem, proof(problem)) is None
+
+
+def test_the_claim_holds_for_every_target_within_the_tolerance() -> None:
+    """The ray's value stays negative at lifted points of configurations, for targets moved by the tolerance."""
+    robot = seven_axis()
+    problem = replace(far(robot, away=1.2), tolerances=Tolerances(position=5e-3, rotation=5e-2))
+    certificate = proof(problem)
+    relaxation = relaxation_of(problem)
+    from workcell.ik.farkas import ray_value
+    from workcell.ik.lift import goal_vector
+    from workcell.ik.relaxation import Interval
+
+    tensor = relaxation.tensor(Interval.of(problem), problem)
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        direction, axis = rng.standard_normal((2, 3))
+        shift = 5e-3 * direction / np.linalg.norm(direction)
+        turn = axis_angle_to_matrix(axis / np.linalg.norm(axis), 5e-2)
+        T = problem.T_base_tool
+        moved = Pose.from_rotation(T.position + shift, turn @ T.rotation)
+        value, _ = ray_value(relaxation, tensor, certificate.data["ray"], goal_vector(moved))
+        assert value <= -certificate.margin
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_ray_certifies_a_reachable_target(seed: int) -> None:
+    """Whatever is handed in as a ray: rays of far targets, random vectors, zeros."""
+    robot, rng = seven_axis(), np.random.default_rng(seed)
+    problem = IKProblem(robot, robot.fk(robot.random_configuration(rng)))
+    rows = relaxation_of(problem).cones.rows
+    stolen = proof(far(robot, seed)).data["ray"]
+    for z in (np.append(stolen, np.zeros(rows - len(stolen))), rng.standard_normal(rows), np.zeros(rows)):
+        assert certify_kinematics(problem, z) is None
+    forged = replace(proof(far(robot, seed)), problem_hash=problem_hash(problem))
+    refusal = check_farkas(problem, forged)
+    assert refusal is not None and "does not prove" in refusal
+
+
+def test_borrowed_damaged_and_overclaiming_certificates_are_refused() -> None:
+    problem = far(seven_axis())
+    certificate = proof(problem)
+
+    def refused(problem: IKProblem, changed: Certificate, because: str) -> None:
+        reason = check_farkas(problem, changed)
+        assert reason is not None and because in reason
+
+    refused(far(seven_axis(), seed=1), certificate, "another problem")
+    wider = replace(problem, tolerances=Tolerances(position=0.1))
+    refused(wider, replace(certificate, problem_hash=problem_hash(wider)), "tolerances")
+    ray = certificate.data["ray"]
+    keep = {"tolerance": certificate.data["tolerance"]}
+    refused(problem, replace(certificate, data={"ray": ray[:-1], **keep}), "wrong length")
+    refused(problem, replace(certificate, data=keep), "missing")
+    refused(problem, replace(certificate, data={"ray": np.full_like(ray, np.nan), **keep}), "damaged")
+    refused(problem, replace(certificate, data={"ray": -ray, **keep}), "ray")
+    refused(problem, replace(certificate, data={"ray": 1e3 * ray, **keep}), "ray")
+    refused(problem, replace(certificate, scope="model"), "no free-space cuboids")
+    refused(problem, replace(certificate, scope="geometry"), "scope")
+    refused(problem, replace(certificate, kind="reach"), "kind")
+
+
+def test_saved_and_read_back() -> None:
+    problem = far(parallel_elbow())
+    certificate = proof(problem)
+    again = Certificate.from_json(json.dumps(certificate.to_json()))
+    assert again.to_json() == certificate.to_json()
+    assert check_farkas(problem, again) is None
+
+
+@pytest.mark.parametrize(
+    ("change", "because"),
+    [
+        (lambda d: d.pop("format"), "not a certificate"),
+        (lambda d: d.update(kind=3), "kind"),
+        (lambda d: d.update(scope="everything"), "scope"),
+        (lambda d: d.update(margin="big"), "margin"),
+        (lambda d: d.update(margin=float("nan")), "margin"),
+        (lambda d: d.update(data=[]), "data"),
+        (lambda d: d["data"].update(ray=[1, 2]), "data.ray"),
+        (lambda d: d["data"]["ray"].update(shape=[7]), "data.ray"),
+        (lambda d: d["data"]["ray"].update(shape=[-1, 2]), "data.ray"),
+        (lambda d: d["data"]["ray"].update(values=["x"]), "data.ray"),
+        (lambda d: d["data"]["tolerance"].update(values=[1e-4, float("inf")]), "data.tolerance"),
+    ],
+)
+def test_damaged_documents(change, because: str) -> None:
+    document = json.loads(json.dumps(proof(far(seven_axis())).to_json()))
+    change(document)
+    with pytest.raises(InputError, match=r"cert\.json") as caught:
+        Certificate.from_json(document, "cert.json")
+    assert because in str(caught.value)
+
+
+def test_not_json_at_all() -> None:
+    for text in ("", "[", "[]", "7"):
+        with pytest.raises(InputError):
+            Certificate.from_json(text)
+
+
+def test_the_hash_sees_what_a_proof_depends_on() -> None:
+    problem = far(seven_axis())
+    robot = problem.robot
+    changed = [
+        replace(problem, target=Pose(problem.target.position + 1e-12, problem.target.quat_wxyz)),
+        replace(problem, robot=replace(robot, upper=np.asarray(robot.upper) + 1e-9)),
+        replace(problem, obstacles=(box("a", (1, 1, 1), (0.1, 0.1, 0.1)),)),
+        replace(problem, cover=beads(robot)),
+        replace(problem, q_reference=np.zeros(7)),
+        replace(problem, q_reference=np.zeros(7), max_step=0.1),
+        replace(problem, tolerances=Tolerances(position=1e-3)),
+        replace(problem, free_space=FreeSpace([[0, 0, 0]], [[1, 1, 1]])),
+    ]
+    assert len({problem_hash(p) for p in [problem, *changed]}) == len(changed) + 1
+    renamed = replace(problem, robot=replace(robot, name="other"), checker=lambda q: None)
+    assert problem_hash(renamed) == problem_hash(problem)
+
+
+def walled(seed: int, cuboids: FreeSpace) -> IKProblem:
+    robot = seven_axis()
+    target = robot.fk(np.random.default_rng(seed).uniform(-1.5, 1.5, 7))
+    return IKProblem(robot, target, cover=beads(robot, 0.04), free_space=cuboids)
+
+
+def model_set(problem: IKProblem):
+    assert problem.free_space is not None
+    return reachable_pairs(problem, problem.free_space)
+
+
+def test_free_space_too_small_for_the_arm_is_certified_in_the_model() -> None:
+    problem = walled(0, FreeSpace([[-1, -1, 0], [-0.1, -0.1, 0.0]], [[-0.3, 1, 0.9], [0.1, 0.1, 0.4]]))
+    pairs = model_set(problem)
+    with instance_of(problem) as instance:
+        maps = sphere_maps(instance.lift, problem, pairs.sphere)
+        cuboids = CuboidSet(instance, pairs, maps)
+        if cuboids.empty_sphere < 0:
+            outcome = cuboids.solve(np.zeros(instance.lift.size))
+            assert outcome.status == "infeasible"
+            certificate = certify_model(problem, outcome.z)
+            assert certificate is not None and certificate.scope == "model"
+            assert check_farkas(problem, certificate) is None
+            saved = Certificate.from_json(certificate.to_json())
+            assert check_farkas(problem, saved) is None
+            places = np.asarray(certificate.data["places"])
+            broken = replace(certificate, data={**certificate.data, "places": 0.0 * places})
+            assert check_farkas(problem, broken) is not None
+        else:
+            pytest.fail("the example should need the relaxation, not only distances")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_pairs_that_hold_a_sphere_are_never_dropped(seed: int) -> None:
+    """Cuboids around a known solution's spheres: pruning keeps those pairs, and nothing certifies their absence."""
+    robot, rng = seven_axis(), np.random.default_rng(seed)
+    q = rng.uniform(-1.5, 1.5, 7)
+    cover = beads(robot, 0.04)
+    centres = cover.centres_world(robot.link_transforms(q))
+    size = 0.04 + rng.uniform(1e-3, 0.1, (len(cover), 1))
+    free_space = FreeSpace(centres - size, centres + size)
+    problem = IKProblem(robot, robot.fk(q), cover=cover, free_space=free_space)
+    pairs = model_set(problem)
+    with instance_of(problem) as instance:
+        maps = sphere_maps(instance.lift, problem, pairs.sphere)
+        kept = meeting_pairs(problem, pairs, maps @ instance.goal)
+        for j, sphere in enumerate(pairs.sphere):
+            assert pairs.allowed[j, sphere] and kept.allowed[j, sphere]
+        outcome = CuboidSet(instance, kept, maps).solve(np.zeros(instance.lift.size))
+        assert outcome.usable
+        assert certify_model(problem, rng.standard_normal(len(outcome.z))) is None
+        assert certify_model(problem, outcome.z) is None
+
+
+def test_the_solver_reports_a_proof_in_the_model() -> None:
+    problem = walled(0, FreeSpace([[-1, -1, 0], [-0.1, -0.1, 0.0]], [[-0.3, 1, 0.9], [0.1, 0.1, 0.4]]))
+    # a wall right at the hand keeps every plain attempt from succeeding
+    hand = problem.target.position
+    problem = replace(problem, obstacles=(box("wall", tuple(hand), (0.02, 0.02, 0.02)),))
+    candidate = solve_ikspark(problem, Budget(0.6), 0)
+    assert candidate.q is None and candidate.certificate is not None
+    assert candidate.certificate.scope == "model" or candidate.certificate.kind == "last_link"

@@ -25,9 +25,7 @@ def run(job: Job) -> None:
 
         # From here on the mug is part of the robot; until it is lifted it may touch what it stands on.
         carried = (mug, grasp.inverse() @ scene.object_pose(mug))
-        standing = PlanningWorld.of(
-            scene, attached=carried, supports=task["supports"], towards=[reach.end], seed=job.seed
-        )
+        standing = shelf.holding(*carried, supports=task["supports"], towards=[reach.end])
         up = job.follow(standing, line(grasp, lift, 0.01), reach.end, LIMITS, "way off the board")
         hanging = shelf.holding(*carried, towards=[up.end])
         out = job.follow(hanging, line(lift, retreat), up.end, LIMITS, "way out with the mug")

@@ -102,7 +102,7 @@ class Job:
                 "" if failure is None else f" at pose {failure.waypoint} of {len(poses)}: {failure.detail}"
             )
             self.fail(result.status.value, f"{what}{where}. {result.status.sentence}")
-        self._tell_path(world, result.path, what)
+        self._tell_path(world, result.path, limits, what)
         return result.path
 
     def reach(
@@ -113,11 +113,11 @@ class Job:
         if result.path is None:
             status = "NOT_FOUND" if result.ik is None or result.ik.solved else result.ik.status.value
             self.fail(status, f"{what}: {'; '.join(result.failures)}")
-        self._tell_path(world, result.path, f"{what} ({result.how})")
+        self._tell_path(world, result.path, limits, f"{what} ({result.how})")
         return result.path
 
-    def _tell_path(self, world: PlanningWorld, path: Path, what: str) -> None:
-        metrics = path_metrics(path, world.clearance, world.cover)
+    def _tell_path(self, world: PlanningWorld, path: Path, limits: FollowLimits, what: str) -> None:
+        metrics = path_metrics(path, world.clearance, world.cover, floor=limits.clearance)
         self.say(
             f"{what}: {metrics.waypoints} waypoints, largest step {metrics.largest_step:.3f} rad, "
             f"proved at least {1e3 * metrics.clearance_between:.0f} mm clear all along"

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from tests.ik.arms import beads, box, planar, seven
+from tests.ik.arms import beads, box, planar, random_arm, seven
 from workcell.errors import InputError, NotSolvedError, UnknownNameError
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik import solve as module
 from workcell.ik.certificate import Certificate, problem_hash
 from workcell.ik.elementary import prove_impossible
+from workcell.ik.multistart import solve_multistart
 from workcell.ik.problem import Budget, Clearance, IKProblem
 from workcell.ik.result import Candidate, Status
 from workcell.ik.solve import check_solver_name, solve, solver_names
@@ -117,6 +118,18 @@ def test_numerical_failures_become_results(monkeypatch, failure):
     result = solve(_problem(), "multistart")
     assert result.status is Status.SOLVER_ERROR
     assert type(failure).__name__ in result.rejected[0]
+
+
+def test_a_solver_that_does_not_apply_is_passed_over_by_auto_alone(monkeypatch):
+    robot = random_arm(np.random.default_rng(7), n=7, sliding=True)
+    assert np.any(robot.prismatic)
+    target = robot.fk(robot.random_configuration(np.random.default_rng(1)))
+    with pytest.raises(InputError):
+        solve(IKProblem(robot, target), "ikspark")
+    stages = (("ikspark", module._SOLVERS["ikspark"], 0.5), ("multistart", solve_multistart, 1.0))
+    monkeypatch.setattr(module, "_PORTFOLIO", stages)
+    result = solve(IKProblem(robot, target))
+    assert result.solved and "ikspark does not apply" in result.rejected[0]
 
 
 def test_a_panic_of_the_conic_solver_becomes_a_result(monkeypatch):

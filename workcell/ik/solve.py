@@ -50,11 +50,13 @@ AUTO = "auto"
 
 _PORTFOLIO: tuple[tuple[str, Solver, float], ...] = (
     ("elementary", _elementary, 0.0),
-    ("multistart", solve_multistart, 0.15),
-    ("ikspark", _ikspark, 0.35),
-    ("multistart", solve_multistart, 1.0),
+    ("multistart", solve_multistart, 0.05),
+    ("ikspark", _ikspark, 0.1),
+    ("multistart", solve_multistart, 0.75),
+    ("ikspark", _ikspark, 1.0),
 )
-"""Stages of `auto`: name, solver, and the share of the CPU budget at whose end the stage must stop."""
+"""Stages of `auto`: name, solver, and the share of the CPU budget at whose end the stage must stop. Most
+problems fall to the first samples; those that are kinematically impossible to the first cone program."""
 
 
 def solver_names() -> tuple[str, ...]:
@@ -82,7 +84,8 @@ def solve(problem: IKProblem, solver: str = AUTO, budget: Budget | None = None, 
         `check_certificate` accepted, otherwise `NOT_FOUND` or `SOLVER_ERROR`.
 
     Raises:
-        UnknownNameError: no such solver. InputError: a seed that is no whole number >= 0.
+        UnknownNameError: no such solver. InputError: a seed that is no whole number >= 0, or a problem of a kind that the
+            named solver doesn't take (`auto` passes such a solver over).
     """
     check_solver_name(solver)
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
@@ -136,8 +139,10 @@ class _Portfolio:
         try:
             with np.errstate(all="ignore"):
                 candidate = solver(self.problem, budget, seed)
-        except WorkcellError:
-            raise
+        except WorkcellError as error:
+            if self.name != AUTO:
+                raise
+            candidate = Candidate(rejected=(f"{name} does not apply: {error}",))
         except Exception as error:
             candidate = Candidate(error=f"{type(error).__name__}: {error}")
         except BaseException as error:

@@ -166,9 +166,7 @@ def follow(
     Raises:
         InputError: fewer than two poses, or a start that is not at the first pose.
     """
-    tracker = _Tracker(
-        template, limits or FollowLimits(), extent or template.cover, solver or step_solver()
-    )
+    tracker = _Tracker(template, limits or FollowLimits(), extent or template.cover, solver or step_solver())
     return tracker.run(tuple(tool_poses), np.asarray(q_start, dtype=float))
 
 

@@ -64,7 +64,7 @@ def retime(
     """Time a path: C2, at rest at both ends, within the limits, sampled every `dt` seconds.
 
     Args:
-        path: waypoints; the motion passes through each of them.
+        path: waypoints; the motion passes through each of them (by a hair inside, at a joint limit).
         velocity, acceleration: (n,) or scalar largest absolute values; None: the robot's own.
         tool_speed: largest speed of the tool, metres a second; None: no bound.
         dt: seconds between samples.
@@ -74,7 +74,8 @@ def retime(
         grid: intervals of the phase plane.
 
     Raises:
-        InputError: a limit that is zero, negative, NaN or (for the acceleration) infinite; a path that does not move.
+        InputError: a limit that is zero, negative, NaN or (for the acceleration) infinite; a path that does not move,
+            or that runs so close to a joint limit that no smooth motion through it keeps the limit.
     """
     robot = path.robot
     v_max, a_max = motion_limits(robot, velocity, acceleration)
@@ -82,18 +83,8 @@ def retime(
         raise InputError(
             f"the tool's speed limit is {tool_speed}", where="tool_speed", remedy="a positive number"
         )
-    spline = _Spline.through(_with_support(path.configurations, support))
-    s_grid = _grid(spline, grid)
-    q, first, second = spline.derivatives(s_grid)
-    cap = _speed_cap(robot, q, first, v_max, tool_speed)
-    share = np.ones(len(s_grid))
-    for _ in range(_ROUNDS):
-        x = _fastest_squared_speed(s_grid, first, second, cap, share[:, None] * a_max)
-        timing = _Timing.along(s_grid, x, smoothing_s)
-        excess = _excess(spline, timing, a_max, dt)
-        if excess.max() <= _CLOSE:
-            break
-        share /= excess
+    spline = _spline_within_limits(path, support)
+    timing = _timing(robot, spline, v_max, a_max, tool_speed, smoothing_s, dt, grid)
     slower = _HEADROOM * _slowdown(robot, spline, timing.sample(dt / _DENSE), v_max, a_max, tool_speed)
     steps = int(np.ceil(timing.duration * slower / dt - 1e-9))
     slower = steps * dt / timing.duration
@@ -101,6 +92,60 @@ def retime(
     s, sd, sdd = timing.at(time / slower)
     q, qd, qdd = spline.motion(s, sd / slower, sdd / slower**2)
     return Trajectory(robot.name, time, q, qd, qdd)
+
+
+def _spline_within_limits(path: Path, support: float) -> _Spline:
+    """A spline that keeps the joint limits: where it would swing beyond one, inner points move inside by as much.
+
+    Where that is not enough, support points at every corner shorten the swings first.
+    """
+    robot = path.robot
+    for ringing in (_RINGING, 0.0):
+        points = _with_support(path.configurations, support, ringing)
+        for _ in range(_ROUNDS):
+            spline = _Spline.through(points)
+            fractions = np.linspace(0.0, 1.0, 4 * _PER_INTERVAL, endpoint=False)
+            s = spline.knots[:-1, None] + fractions * np.diff(spline.knots)[:, None]
+            q = spline.derivatives(s.ravel())[0].reshape(*s.shape, robot.dof)
+            if np.all(robot.within_limits(q)):
+                return spline
+            beyond = np.maximum(q - robot.upper, 0.0).max(axis=1) - np.maximum(robot.lower - q, 0.0).max(
+                axis=1
+            )
+            worst = np.where(np.abs(beyond[1:]) > np.abs(beyond[:-1]), beyond[1:], beyond[:-1])
+            points = points.copy()
+            points[1:-1] -= 1.2 * worst
+    k = int(np.argmax(np.abs(beyond).max(axis=0)))
+    raise InputError(
+        f"between waypoints the smooth motion would leave the limits of {robot.joint_names[k]}",
+        where="path",
+        remedy="keep the waypoints a little further inside the joint limits",
+    )
+
+
+def _timing(
+    robot: Robot,
+    spline: _Spline,
+    v_max: Array,
+    a_max: Array,
+    tool_speed: float | None,
+    smoothing_s: float,
+    dt: float,
+    grid: int,
+) -> _Timing:
+    """The fastest s(t), smoothed; where smoothing makes it exceed a limit, the search is repeated with less of it."""
+    s = _grid(spline, grid)
+    q, first, second = spline.derivatives(s)
+    cap = _speed_cap(robot, q, first, v_max, tool_speed)
+    share = np.ones(len(s))
+    for _ in range(_ROUNDS):
+        x = _fastest_squared_speed(s, first, second, cap, share[:, None] * a_max)
+        timing = _Timing.along(s, x, smoothing_s)
+        excess = _excess(spline, timing, a_max, dt)
+        if excess.max() <= _CLOSE:
+            break
+        share /= excess
+    return timing
 
 
 def _speed_cap(robot: Robot, q: Array, first: Array, v_max: Array, tool_speed: float | None) -> Array:
@@ -180,7 +225,7 @@ def _limit_use(qd: Array, qdd: Array, v_max: Array, a_max: Array) -> LimitUse:
     return LimitUse(np.abs(qd).max(axis=0) / v_max, np.abs(qdd).max(axis=0) / a_max)
 
 
-def _with_support(waypoints: Array, support: float) -> Array:
+def _with_support(waypoints: Array, support: float, ringing: float) -> Array:
     """Waypoints without repetitions, with points at 1, 2, 4 ... times `support` from corners along long segments.
 
     A cubic spline rings after a corner by about a fiftieth of the corner's angle times the length of the segment; where
@@ -199,8 +244,8 @@ def _with_support(waypoints: Array, support: float) -> Array:
         length = float(np.linalg.norm(b - a))
         far = length / (2.5 * support)
         near = support * 2.0 ** np.arange(int(np.log2(far)) + 1) / length if far > 1 else np.zeros(0)
-        first = near if before * length > _RINGING else np.zeros(0)
-        last = 1 - near[::-1] if after * length > _RINGING else np.zeros(0)
+        first = near if before * length > ringing else np.zeros(0)
+        last = 1 - near[::-1] if after * length > ringing else np.zeros(0)
         fractions = np.concatenate([first, last, [1.0]])
         out.append(a + fractions[:, None] * (b - a))
     return np.vstack(out)

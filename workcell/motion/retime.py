@@ -1,33 +1,29 @@
 """Timing of a path: smooth motion, at rest at both ends, within velocity and acceleration limits.
 
-Three steps. A C2 cubic spline through the waypoints over their joint-space chord length s (corners get extra support
-points, so that the spline stays near the straight lines). The fastest s(t) under the limits, on a grid, by one backward
-and one forward pass over the phase plane (the controllable sets of TOPP-RA: Pham and Pham, "A new approach to
-time-optimal path parameterization based on reachability analysis", 2018). A moving average of s(t), which keeps the
-geometry and makes the acceleration continuous. Limits are then verified on a dense evaluation, and the whole motion is
-slowed down by the small factor that is missing.
+Three steps. A C2 cubic spline through the waypoints over their joint-space chord length s (`workcell.motion.spline`). The
+fastest s(t) under the limits (`workcell.motion.timing`). A moving average of s(t), which keeps the geometry and makes the
+acceleration continuous. Limits are then verified on a dense evaluation, and the whole motion is slowed down by the small
+factor that is missing.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from workcell.errors import InputError
 from workcell.model.robot import Robot
 from workcell.motion.path import Path, Trajectory
+from workcell.motion.spline import JointSpline, spline_within_limits
+from workcell.motion.timing import Timing, fastest_squared_speed, phase_grid
 from workcell.pose import Array
 
 _DENSE = 5
 """Evaluations a time step when limits are verified."""
 _HEADROOM = 1.0005
 """Left for what lies between two dense evaluations."""
-_RINGING = 0.05
-"""Corner angle times segment length (radians squared) from which a corner gets support points: 1 mrad off the line."""
-_PER_INTERVAL, _APART = 6, 1e-6
 _ROUNDS, _CLOSE = 6, 1.02
 """Rounds in which places that exceed a limit after averaging get less of it, and the excess that ends them."""
 _SMALLEST = 1e-12
@@ -83,7 +79,7 @@ def retime(
         raise InputError(
             f"the tool's speed limit is {tool_speed}", where="tool_speed", remedy="a positive number"
         )
-    spline = _spline_within_limits(path, support)
+    spline = spline_within_limits(path, support)
     timing = _timing(robot, spline, v_max, a_max, tool_speed, smoothing_s, dt, grid)
     slower = _HEADROOM * _slowdown(robot, spline, timing.sample(dt / _DENSE), v_max, a_max, tool_speed)
     steps = int(np.ceil(timing.duration * slower / dt - 1e-9))
@@ -94,53 +90,24 @@ def retime(
     return Trajectory(robot.name, time, q, qd, qdd)
 
 
-def _spline_within_limits(path: Path, support: float) -> _Spline:
-    """A spline that keeps the joint limits: where it would swing beyond one, inner points move inside by as much.
-
-    Where that is not enough, support points at every corner shorten the swings first.
-    """
-    robot = path.robot
-    for ringing in (_RINGING, 0.0):
-        points = _with_support(path.configurations, support, ringing)
-        for _ in range(_ROUNDS):
-            spline = _Spline.through(points)
-            fractions = np.linspace(0.0, 1.0, 4 * _PER_INTERVAL, endpoint=False)
-            s = spline.knots[:-1, None] + fractions * np.diff(spline.knots)[:, None]
-            q = spline.derivatives(s.ravel())[0].reshape(*s.shape, robot.dof)
-            if np.all(robot.within_limits(q)):
-                return spline
-            beyond = np.maximum(q - robot.upper, 0.0).max(axis=1) - np.maximum(robot.lower - q, 0.0).max(
-                axis=1
-            )
-            worst = np.where(np.abs(beyond[1:]) > np.abs(beyond[:-1]), beyond[1:], beyond[:-1])
-            points = points.copy()
-            points[1:-1] -= 1.2 * worst
-    k = int(np.argmax(np.abs(beyond).max(axis=0)))
-    raise InputError(
-        f"between waypoints the smooth motion would leave the limits of {robot.joint_names[k]}",
-        where="path",
-        remedy="keep the waypoints a little further inside the joint limits",
-    )
-
-
 def _timing(
     robot: Robot,
-    spline: _Spline,
+    spline: JointSpline,
     v_max: Array,
     a_max: Array,
     tool_speed: float | None,
     smoothing_s: float,
     dt: float,
     grid: int,
-) -> _Timing:
+) -> Timing:
     """The fastest s(t), smoothed; where smoothing makes it exceed a limit, the search is repeated with less of it."""
-    s = _grid(spline, grid)
+    s = phase_grid(spline, grid)
     q, first, second = spline.derivatives(s)
     cap = _speed_cap(robot, q, first, v_max, tool_speed)
     share = np.ones(len(s))
     for _ in range(_ROUNDS):
-        x = _fastest_squared_speed(s, first, second, cap, share[:, None] * a_max)
-        timing = _Timing.along(s, x, smoothing_s)
+        x = fastest_squared_speed(s, first, second, cap, share[:, None] * a_max)
+        timing = Timing.along(s, x, smoothing_s)
         excess = _excess(spline, timing, a_max, dt)
         if excess.max() <= _CLOSE:
             break
@@ -161,7 +128,7 @@ def _tool_speed(robot: Robot, q: Array, qd: Array) -> Array:
     return speed
 
 
-def _excess(spline: _Spline, timing: _Timing, a_max: Array, dt: float) -> Array:
+def _excess(spline: JointSpline, timing: Timing, a_max: Array, dt: float) -> Array:
     """By what factor, at least 1, the averaged motion exceeds an acceleration limit near each grid point."""
     dense = timing.sample(dt)
     use = (np.abs(spline.motion(*dense)[2]) / a_max).max(axis=1)
@@ -175,7 +142,7 @@ def _excess(spline: _Spline, timing: _Timing, a_max: Array, dt: float) -> Array:
 
 def _slowdown(
     robot: Robot,
-    spline: _Spline,
+    spline: JointSpline,
     timing: tuple[Array, Array, Array],
     v_max: Array,
     a_max: Array,
@@ -223,195 +190,3 @@ def limit_use(trajectory: Trajectory, velocity: ArrayLike, acceleration: ArrayLi
 
 def _limit_use(qd: Array, qdd: Array, v_max: Array, a_max: Array) -> LimitUse:
     return LimitUse(np.abs(qd).max(axis=0) / v_max, np.abs(qdd).max(axis=0) / a_max)
-
-
-def _with_support(waypoints: Array, support: float, ringing: float) -> Array:
-    """Waypoints without repetitions, with points at 1, 2, 4 ... times `support` from corners along long segments.
-
-    A cubic spline rings after a corner by about a fiftieth of the corner's angle times the length of the segment; where
-    that is too much, extra points hold it on the line. The ringing decays by a factor of about four a knot, so that
-    the spacing may double from knot to knot.
-    """
-    moved = np.append(True, np.abs(np.diff(waypoints, axis=0)).max(axis=1) > _SMALLEST)
-    points = waypoints[moved]
-    if len(points) < 2:
-        raise InputError(
-            "the path does not move", where="path", remedy="a path takes two different configurations"
-        )
-    corners = np.concatenate([[0.0], _turning_angles(points), [0.0]])
-    out = [points[:1]]
-    for (a, b), (before, after) in zip(pairwise(points), pairwise(corners), strict=True):
-        length = float(np.linalg.norm(b - a))
-        far = length / (2.5 * support)
-        near = support * 2.0 ** np.arange(int(np.log2(far)) + 1) / length if far > 1 else np.zeros(0)
-        first = near if before * length > ringing else np.zeros(0)
-        last = 1 - near[::-1] if after * length > ringing else np.zeros(0)
-        fractions = np.concatenate([first, last, [1.0]])
-        out.append(a + fractions[:, None] * (b - a))
-    return np.vstack(out)
-
-
-def _turning_angles(points: Array) -> Array:
-    """Angles (k - 2,) between the directions of neighbouring segments."""
-    steps = np.diff(points, axis=0)
-    steps = steps / np.linalg.norm(steps, axis=1, keepdims=True)
-    angles: Array = 2 * np.arcsin(np.clip(np.linalg.norm(np.diff(steps, axis=0), axis=1) / 2, 0.0, 1.0))
-    return angles
-
-
-@dataclass(frozen=True, slots=True)
-class _Spline:
-    """A C2 cubic spline q(s), natural at both ends, over chord length."""
-
-    knots: Array
-    points: Array
-    second: Array
-
-    @staticmethod
-    def through(points: Array) -> _Spline:
-        """Solve the tridiagonal system for the second derivatives at the knots."""
-        h = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        knots = np.concatenate([[0.0], np.cumsum(h)])
-        second = np.zeros_like(points)
-        if len(points) > 2:
-            from scipy.linalg import solve_banded
-
-            slope = np.diff(points, axis=0) / h[:, None]
-            bands = np.zeros((3, len(points) - 2))
-            bands[0, 1:], bands[1], bands[2, :-1] = h[1:-1], 2 * (h[:-1] + h[1:]), h[1:-1]
-            second[1:-1] = solve_banded((1, 1), bands, 6 * np.diff(slope, axis=0))
-        return _Spline(knots, points, second)
-
-    @property
-    def length(self) -> float:
-        return float(self.knots[-1])
-
-    def derivatives(self, s: Array) -> tuple[Array, Array, Array]:
-        """q, dq/ds and d2q/ds2 at s (T,): (T, n) each."""
-        s = np.clip(s, 0.0, self.length)
-        i = np.clip(np.searchsorted(self.knots, s, side="right") - 1, 0, len(self.knots) - 2)
-        h = (self.knots[i + 1] - self.knots[i])[:, None]
-        b = (s - self.knots[i])[:, None] / h
-        a = 1 - b
-        p0, p1, m0, m1 = self.points[i], self.points[i + 1], self.second[i], self.second[i + 1]
-        q = a * p0 + b * p1 + ((a**3 - a) * m0 + (b**3 - b) * m1) * h**2 / 6
-        first = (p1 - p0) / h + ((3 * b**2 - 1) * m1 - (3 * a**2 - 1) * m0) * h / 6
-        return q, first, a * m0 + b * m1
-
-    def motion(self, s: Array, sd: Array, sdd: Array) -> tuple[Array, Array, Array]:
-        """q, qd and qdd (T, n) of a motion s(t) along the spline."""
-        q, first, second = self.derivatives(s)
-        return q, first * sd[:, None], second * sd[:, None] ** 2 + first * sdd[:, None]
-
-
-def _grid(spline: _Spline, intervals: int) -> Array:
-    """Path positions: evenly spaced, and some in each interval of the spline, so that none of its bends is missed."""
-    fractions = np.linspace(0.0, 1.0, _PER_INTERVAL, endpoint=False)
-    inside = (spline.knots[:-1, None] + fractions * np.diff(spline.knots)[:, None]).ravel()
-    even = np.linspace(0.0, spline.length, intervals + 1)
-    s = np.unique(np.concatenate([even, inside]))
-    inner = s[1:-1]
-    apart = (np.diff(s)[:-1] > _APART * spline.length) & (spline.length - inner > _APART * spline.length)
-    grid: Array = np.concatenate([[0.0], inner[apart], [spline.length]])
-    return grid
-
-
-@dataclass(frozen=True, slots=True)
-class _Timing:
-    """s(t): constant acceleration between grid points, then averaged over a window, exactly, by its integral."""
-
-    time: Array
-    position: Array
-    speed: Array
-    acceleration: Array
-    integral: Array
-    window: float
-
-    @staticmethod
-    def along(s: Array, x: Array, window: float) -> _Timing:
-        """From the squared speeds x at the grid points s."""
-        speed = np.sqrt(x)
-        ds = np.diff(s)
-        duration = 2 * ds / (speed[:-1] + speed[1:])
-        time = np.concatenate([[0.0], np.cumsum(duration)])
-        acceleration = np.diff(x) / (2 * ds)
-        area = s[:-1] * duration + speed[:-1] * duration**2 / 2 + acceleration * duration**3 / 6
-        integral = np.concatenate([[0.0], np.cumsum(area)])
-        return _Timing(time, s, speed, acceleration, integral, min(window, float(time[-1])))
-
-    @property
-    def duration(self) -> float:
-        return float(self.time[-1]) + self.window
-
-    def sample(self, dt: float) -> tuple[Array, Array, Array]:
-        """s, sd and sdd every `dt` seconds, both ends included."""
-        return self.at(np.linspace(0.0, self.duration, int(np.ceil(self.duration / dt)) + 1))
-
-    def at(self, t: Array) -> tuple[Array, Array, Array]:
-        """s, sd and sdd at times t (T,), averaged over the window."""
-        early, late = self._raw(t - self.window), self._raw(t)
-        s, sd, sdd = ((b - a) / self.window for a, b in zip(early, late, strict=True))
-        return s, np.maximum(sd, 0.0), sdd
-
-    def _raw(self, t: Array) -> tuple[Array, Array, Array]:
-        """The integral of s, s and sd before averaging; standing still before 0 and after the end."""
-        inside = np.clip(t, 0.0, self.time[-1])
-        i = np.clip(np.searchsorted(self.time, inside, side="right") - 1, 0, len(self.time) - 2)
-        tau = inside - self.time[i]
-        a, v, p = self.acceleration[i], self.speed[i], self.position[i]
-        speed = np.where((t <= 0) | (t >= self.time[-1]), 0.0, v + a * tau)
-        position = p + v * tau + a * tau**2 / 2
-        integral = self.integral[i] + p * tau + v * tau**2 / 2 + a * tau**3 / 6
-        beyond = np.maximum(t - self.time[-1], 0.0)
-        return integral + beyond * self.position[-1], position, speed
-
-
-def _fastest_squared_speed(s: Array, first: Array, second: Array, cap: Array, a_max: Array) -> Array:
-    """x = sd^2 at each grid point of the fastest motion that begins and ends at rest.
-
-    All arguments have a row for each grid point. There, with u = sdd: `|first u + second x| <= a_max` and `x <= cap`; from one point to the
-    next `x' = x + 2 ds u`. Backward, the largest x from which the end can still be reached at rest; forward, the
-    largest u that stays below it.
-    """
-    ds = np.diff(s)
-    limit = np.zeros(len(s))
-    for i in range(len(s) - 2, -1, -1):
-        limit[i] = _largest_start(first[i], second[i], a_max[i], cap[i], 2 * ds[i], limit[i + 1])
-    x = np.zeros(len(s))
-    for i in range(len(s) - 1):
-        _, high = _acceleration_range(first[i], second[i], a_max[i], x[i])
-        x[i + 1] = min(max(x[i] + 2 * ds[i] * high, 0.0), limit[i + 1])
-    return x
-
-
-def _acceleration_range(first: Array, second: Array, a_max: Array, x: float) -> tuple[float, float]:
-    """Smallest and largest u with `|first u + second x| <= a_max` in every joint that moves."""
-    moving = np.abs(first) > _SMALLEST
-    if not moving.any():
-        return -np.inf, np.inf
-    f, c = np.abs(first[moving]), second[moving] * np.sign(first[moving]) * x
-    return float(np.max((-a_max[moving] - c) / f)), float(np.min((a_max[moving] - c) / f))
-
-
-def _largest_start(
-    first: Array, second: Array, a_max: Array, cap: float, two_ds: float, x_next: float
-) -> float:
-    """The largest x <= cap from which some admissible u leads to `x + 2 ds u` in [0, x_next].
-
-    Every lower bound `l(x)` on u must stay below every upper bound `h(x)`; both are lines in x, so each pair gives one
-    upper end for x. The way into [0, x_next] gives one more line of each kind.
-    """
-    moving = np.abs(first) > _SMALLEST
-    f, slope = np.abs(first[moving]), second[moving] * np.sign(first[moving])
-    low_0, low_1 = -a_max[moving] / f, -slope / f
-    high_0, high_1 = a_max[moving] / f, -slope / f
-    low_0, low_1 = np.append(low_0, 0.0), np.append(low_1, -1 / two_ds)
-    high_0, high_1 = np.append(high_0, x_next / two_ds), np.append(high_1, -1 / two_ds)
-    still = ~moving & (np.abs(second) > _SMALLEST)
-    if np.any(still):
-        cap = min(cap, float(np.min(a_max[still] / np.abs(second[still]))))
-    gap_0 = high_0[None, :] - low_0[:, None]
-    gap_1 = high_1[None, :] - low_1[:, None]
-    closing = gap_1 < -_SMALLEST
-    ends: NDArray[np.float64] = gap_0[closing] / -gap_1[closing]
-    return max(min(cap, float(ends.min(initial=np.inf))), 0.0)

@@ -1,0 +1,132 @@
+"""The fastest motion along a curve: one backward and one forward pass over the phase plane (sd^2 over s), then averaged.
+
+The passes are the controllable sets of TOPP-RA (Pham and Pham, "A new approach to time-optimal path parameterization based
+on reachability analysis", 2018), in closed form for joint velocity and acceleration limits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workcell.motion.spline import JointSpline
+from workcell.pose import Array
+
+_PER_INTERVAL, _APART = 6, 1e-6
+_SMALLEST = 1e-12
+
+
+def phase_grid(spline: JointSpline, intervals: int) -> Array:
+    """Path positions: evenly spaced, and some in each interval of the spline, so that none of its bends is missed."""
+    fractions = np.linspace(0.0, 1.0, _PER_INTERVAL, endpoint=False)
+    inside = (spline.knots[:-1, None] + fractions * np.diff(spline.knots)[:, None]).ravel()
+    even = np.linspace(0.0, spline.length, intervals + 1)
+    s = np.unique(np.concatenate([even, inside]))
+    inner = s[1:-1]
+    apart = (np.diff(s)[:-1] > _APART * spline.length) & (spline.length - inner > _APART * spline.length)
+    grid: Array = np.concatenate([[0.0], inner[apart], [spline.length]])
+    return grid
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """s(t): constant acceleration between grid points, then averaged over a window, exactly, by its integral."""
+
+    time: Array
+    position: Array
+    speed: Array
+    acceleration: Array
+    integral: Array
+    window: float
+
+    @staticmethod
+    def along(s: Array, x: Array, window: float) -> Timing:
+        """From the squared speeds x at the grid points s."""
+        speed = np.sqrt(x)
+        ds = np.diff(s)
+        duration = 2 * ds / (speed[:-1] + speed[1:])
+        time = np.concatenate([[0.0], np.cumsum(duration)])
+        acceleration = np.diff(x) / (2 * ds)
+        area = s[:-1] * duration + speed[:-1] * duration**2 / 2 + acceleration * duration**3 / 6
+        integral = np.concatenate([[0.0], np.cumsum(area)])
+        return Timing(time, s, speed, acceleration, integral, min(window, float(time[-1])))
+
+    @property
+    def duration(self) -> float:
+        """Seconds, the averaging window included."""
+        return float(self.time[-1]) + self.window
+
+    def sample(self, dt: float) -> tuple[Array, Array, Array]:
+        """s, sd and sdd every `dt` seconds, both ends included."""
+        return self.at(np.linspace(0.0, self.duration, int(np.ceil(self.duration / dt)) + 1))
+
+    def at(self, t: Array) -> tuple[Array, Array, Array]:
+        """s, sd and sdd at times t (T,), averaged over the window."""
+        early, late = self._raw(t - self.window), self._raw(t)
+        s, sd, sdd = ((b - a) / self.window for a, b in zip(early, late, strict=True))
+        return s, np.maximum(sd, 0.0), sdd
+
+    def _raw(self, t: Array) -> tuple[Array, Array, Array]:
+        """The integral of s, s and sd before averaging; standing still before 0 and after the end."""
+        inside = np.clip(t, 0.0, self.time[-1])
+        i = np.clip(np.searchsorted(self.time, inside, side="right") - 1, 0, len(self.time) - 2)
+        tau = inside - self.time[i]
+        a, v, p = self.acceleration[i], self.speed[i], self.position[i]
+        speed = np.where((t <= 0) | (t >= self.time[-1]), 0.0, v + a * tau)
+        position = p + v * tau + a * tau**2 / 2
+        integral = self.integral[i] + p * tau + v * tau**2 / 2 + a * tau**3 / 6
+        beyond = np.maximum(t - self.time[-1], 0.0)
+        return integral + beyond * self.position[-1], position, speed
+
+
+def fastest_squared_speed(s: Array, first: Array, second: Array, cap: Array, a_max: Array) -> Array:
+    """x = sd^2 at each grid point of the fastest motion that begins and ends at rest.
+
+    All arguments have a row for each grid point. There, with u = sdd: `|first u + second x| <= a_max` and `x <= cap`; from one point to the
+    next `x' = x + 2 ds u`. Backward, the largest x from which the end can still be reached at rest; forward, the
+    largest u that stays below it.
+    """
+    ds = np.diff(s)
+    limit = np.zeros(len(s))
+    for i in range(len(s) - 2, -1, -1):
+        limit[i] = _largest_start(first[i], second[i], a_max[i], cap[i], 2 * ds[i], limit[i + 1])
+    x = np.zeros(len(s))
+    for i in range(len(s) - 1):
+        _, high = _acceleration_range(first[i], second[i], a_max[i], x[i])
+        x[i + 1] = min(max(x[i] + 2 * ds[i] * high, 0.0), limit[i + 1])
+    return x
+
+
+def _acceleration_range(first: Array, second: Array, a_max: Array, x: float) -> tuple[float, float]:
+    """Smallest and largest u with `|first u + second x| <= a_max` in every joint that moves."""
+    moving = np.abs(first) > _SMALLEST
+    if not moving.any():
+        return -np.inf, np.inf
+    f, c = np.abs(first[moving]), second[moving] * np.sign(first[moving]) * x
+    return float(np.max((-a_max[moving] - c) / f)), float(np.min((a_max[moving] - c) / f))
+
+
+def _largest_start(
+    first: Array, second: Array, a_max: Array, cap: float, two_ds: float, x_next: float
+) -> float:
+    """The largest x <= cap from which some admissible u leads to `x + 2 ds u` in [0, x_next].
+
+    Every lower bound `l(x)` on u must stay below every upper bound `h(x)`; both are lines in x, so each pair gives one
+    upper end for x. The way into [0, x_next] gives one more line of each kind.
+    """
+    moving = np.abs(first) > _SMALLEST
+    f, slope = np.abs(first[moving]), second[moving] * np.sign(first[moving])
+    low_0, low_1 = -a_max[moving] / f, -slope / f
+    high_0, high_1 = a_max[moving] / f, -slope / f
+    low_0, low_1 = np.append(low_0, 0.0), np.append(low_1, -1 / two_ds)
+    high_0, high_1 = np.append(high_0, x_next / two_ds), np.append(high_1, -1 / two_ds)
+    still = ~moving & (np.abs(second) > _SMALLEST)
+    if np.any(still):
+        cap = min(cap, float(np.min(a_max[still] / np.abs(second[still]))))
+    gap_0 = high_0[None, :] - low_0[:, None]
+    gap_1 = high_1[None, :] - low_1[:, None]
+    closing = gap_1 < -_SMALLEST
+    ends: NDArray[np.float64] = gap_0[closing] / -gap_1[closing]
+    return max(min(cap, float(ends.min(initial=np.inf))), 0.0)

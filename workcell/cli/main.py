@@ -22,8 +22,9 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         sys.stdout.flush()
     except WorkcellError as error:
         code = _complain(str(error), exit_codes.BAD_INPUT)
-    except KeyboardInterrupt:
-        code = _complain("interrupted; files already written are intact", exit_codes.INTERRUPTED)
+    except KeyboardInterrupt as stop:
+        message = str(stop) or "interrupted; files already written are intact"
+        code = _complain(message, exit_codes.INTERRUPTED)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = exit_codes.DONE

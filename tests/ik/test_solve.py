@@ -1,5 +1,7 @@
 """The one entry: only the judge awards SOLVED, only a certificate that holds a "no", and nothing numerical escapes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -189,3 +191,17 @@ def test_a_robot_without_freedom_is_answered():
     assert solve(IKProblem(robot, robot.fk(np.array([0.4])))).solved
     result = solve(IKProblem(robot, Pose.from_xyz([0.3, 0.0, 0.2])), budget=Budget(0.3))
     assert result.status in (Status.NOT_FOUND, Status.UNREACHABLE)
+
+
+def test_links_without_length_are_answered():
+    robot = replace(seven(), joint_xyz=np.zeros((7, 3)))
+    q = np.array([0.3, 0.5, -0.4, 1.0, 0.2, -0.7, 0.1])
+    assert solve(IKProblem(robot, robot.fk(q))).solved
+    result = solve(IKProblem(robot, Pose.from_xyz([0.0, 0.0, 0.5])))
+    assert result.status is Status.UNREACHABLE
+
+
+def test_a_reference_outside_the_limits_leaves_no_room():
+    robot = planar(limit=1.0)
+    problem = IKProblem(robot, robot.fk(np.zeros(2)), q_reference=np.array([2.0, 0.0]), max_step=0.1)
+    assert not solve(problem, "multistart", Budget(0.1)).solved

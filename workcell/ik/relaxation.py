@@ -82,6 +82,7 @@ class Relaxation:
         self.head = self.cones.zero + nonneg + 4 * len(self.coned)
         self._limit_vectors = self._vectors()
         self.tail_A, self.tail_b = self._tail()
+        self._latest: tuple[bytes, Array] = (b"", np.zeros(0))
         self.rank = self._structural_rank()
         self.deficient = self.rank < self.cones.zero
 
@@ -130,7 +131,13 @@ class Relaxation:
 
     def tensor(self, interval: Interval, problem: IKProblem) -> Array:
         """S (head, N + 1, 13) of the changing rows; the slots for half-spaces hold `1 >= 0`."""
-        return self._tensor(interval.middle, np.clip(interval.half, 0.0, np.pi), problem)
+        key = interval.lower.tobytes() + interval.upper.tobytes()
+        if self.rotated or self._latest[0] != key:
+            S = self._tensor(interval.middle, np.clip(interval.half, 0.0, np.pi), problem)
+            S.flags.writeable = False
+            # problems of one robot mostly share their limits
+            self._latest = (key, S)
+        return self._latest[1]
 
     def _tensor(self, middle: Array, half: Array, problem: IKProblem | None) -> Array:
         lift, cones = self.lift, self.cones

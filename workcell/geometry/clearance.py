@@ -28,9 +28,14 @@ class _Group:
 
 @dataclass(frozen=True, slots=True)
 class _Hull:
-    """One hull in the world: its place in the list, planes (f, 4), and triangle corners, each (t, 3)."""
+    """One hull in the world: its place in the list, planes (f, 4), and triangle corners, each (t, 3).
+
+    The ball around its `middle`, a point inside, with `radius` holds all of it.
+    """
 
     index: int
+    middle: Array
+    radius: float
     planes: Array
     a: Array
     b: Array
@@ -79,7 +84,66 @@ class ObstacleArrays:
         for hull in self._hulls:
             distance[:, hull.index], gradient[:, hull.index] = _hull_distances(hull, flat)
         batch = x.shape[:-1]
-        return distance.reshape(*batch, -1), gradient.reshape(*batch, len(self.pieces), 3)
+        return distance.reshape(*batch, len(self.pieces)), gradient.reshape(*batch, len(self.pieces), 3)
+
+    def floor(self, points: ArrayLike) -> Array:
+        """A lower bound (...) on the signed distance of points (..., 3) to the nearest piece, exact inside.
+
+        Only outside of hulls is it not exact: there it is the largest distance from a facet's plane.
+        """
+        x = np.asarray(points, dtype=float)
+        flat = x.reshape(-1, 3)
+        distance = np.full(len(flat), np.inf)
+        for group in self._groups:
+            local = np.einsum("kji,nkj->nki", group.rotation, flat[:, None, :] - group.position)
+            distance = np.minimum(distance, KERNELS[group.kind](local, group.size)[0].min(axis=1))
+        for hull in self._hulls:
+            heights = flat @ hull.planes[:, :3].T + hull.planes[:, 3]
+            distance = np.minimum(distance, heights.max(axis=1))
+        return distance.reshape(x.shape[:-1])
+
+    def nearest(self, points: ArrayLike) -> tuple[Array, Array, NDArray[np.int64]]:
+        """Signed distance (...) of points (..., 3) to the nearest piece, its gradient (..., 3), and the piece (...).
+
+        The same as the smallest of `distances_and_gradients`, but hulls that can't be the nearest are passed over.
+        """
+        x = np.asarray(points, dtype=float)
+        flat = x.reshape(-1, 3)
+        distance, gradient = np.full(len(flat), np.inf), np.zeros((len(flat), 3))
+        index = np.full(len(flat), -1)
+        for group in self._groups:
+            local = np.einsum("kji,nkj->nki", group.rotation, flat[:, None, :] - group.position)
+            found, direction = KERNELS[group.kind](local, group.size)
+            best = np.argmin(found, axis=1)
+            picked = np.arange(len(flat)), best
+            rows = np.flatnonzero(found[picked] < distance)
+            distance[rows] = found[picked][rows]
+            gradient[rows] = np.einsum("nij,nj->ni", group.rotation[best[rows]], direction[picked][rows])
+            index[rows] = group.index[best[rows]]
+        self._nearest_hulls(flat, distance, gradient, index)
+        batch = x.shape[:-1]
+        return distance.reshape(batch), gradient.reshape(*batch, 3), index.reshape(batch)
+
+    def _nearest_hulls(self, x: Array, distance: Array, gradient: Array, index: NDArray[np.int64]) -> None:
+        """Lower the distances of points (n, 3), in place, where a hull is nearer."""
+        if not self._hulls or len(x) == 0:
+            return
+        middles = np.array([hull.middle for hull in self._hulls])
+        away = np.linalg.norm(x[:, None, :] - middles, axis=2)
+        ceiling = np.minimum(distance, away.min(axis=1) + 1e-9)
+        floor = away - np.array([hull.radius for hull in self._hulls])
+        for column in np.argsort(floor.min(axis=0)):
+            hull = self._hulls[int(column)]
+            rows = np.flatnonzero(floor[:, column] <= ceiling)
+            if len(rows) == 0:
+                continue
+            heights = (x[rows] @ hull.planes[:, :3].T + hull.planes[:, 3]).max(axis=1)
+            rows = rows[heights <= ceiling[rows]]
+            found, direction = _hull_distances(hull, x[rows])
+            nearer = found < distance[rows]
+            rows = rows[nearer]
+            distance[rows], gradient[rows], index[rows] = found[nearer], direction[nearer], hull.index
+            ceiling[rows] = np.minimum(ceiling[rows], found[nearer])
 
 
 def sphere_clearances(
@@ -93,8 +157,7 @@ def sphere_clearances(
         obstacles: pieces, or the same packed.
     """
     packed = obstacles if isinstance(obstacles, ObstacleArrays) else ObstacleArrays(obstacles)
-    distances = packed.distances(centres)
-    smallest: Array = distances.min(axis=-1, initial=np.inf) - np.asarray(radii, dtype=float)
+    smallest: Array = packed.nearest(centres)[0] - np.asarray(radii, dtype=float)
     return smallest
 
 
@@ -106,15 +169,8 @@ def sphere_clearance_gradients(
     Without obstacles the distances are inf, the gradients zero and the indices -1.
     """
     packed = obstacles if isinstance(obstacles, ObstacleArrays) else ObstacleArrays(obstacles)
-    centres = np.asarray(centres, dtype=float)
-    if len(packed) == 0:
-        batch = centres.shape[:-1]
-        return np.full(batch, np.inf), np.zeros(centres.shape), np.full(batch, -1)
-    distances, gradients = packed.distances_and_gradients(centres)
-    nearest = np.argmin(distances, axis=-1)
-    smallest = np.take_along_axis(distances, nearest[..., None], axis=-1)[..., 0]
-    direction = np.take_along_axis(gradients, nearest[..., None, None], axis=-2)[..., 0, :]
-    return smallest - np.asarray(radii, dtype=float), direction, nearest
+    distance, gradient, nearest = packed.nearest(centres)
+    return distance - np.asarray(radii, dtype=float), gradient, nearest
 
 
 def robot_clearance(
@@ -152,7 +208,9 @@ def sphere_jacobians(robot: Robot, cover: SphereCover, T: Array) -> Array:
 def _hull(index: int, piece: Piece) -> _Hull:
     polytope = polytope_of(piece)
     a, b, c = (polytope.vertices[polytope.triangles[:, k]] for k in range(3))
-    return _Hull(index, polytope.planes, a, b, c)
+    middle = polytope.vertices.mean(axis=0)
+    radius = float(np.linalg.norm(polytope.vertices - middle, axis=1).max())
+    return _Hull(index, middle, radius, polytope.planes, a, b, c)
 
 
 def _hull_distances(hull: _Hull, x: Array) -> tuple[Array, Array]:

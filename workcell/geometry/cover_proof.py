@@ -1,0 +1,207 @@
+"""Proof that spheres cover convex pieces: subdivision of the pieces' volume, no sampling.
+
+A cell is done when one sphere holds all of it, or when it lies outside the piece by an exact distance; anything else is
+split. A cell that is too small to split further is returned: there the cover has a hole, or no slack at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workcell.errors import InputError
+from workcell.geometry.clearance import ObstacleArrays
+from workcell.geometry.separation import bounding_box
+from workcell.geometry.types import Piece
+from workcell.pose import Array, read_only
+
+RESOLUTION = 1e-4
+"""Metres: half the edge of the smallest cell. Covers need about twice that as slack to be proved."""
+
+_MOST = 64
+_EIGHTHS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+
+
+@dataclass(frozen=True, slots=True)
+class UncoveredCell:
+    """A box in which a cover fails.
+
+    Attributes:
+        piece: name of the piece that is not covered there.
+        centre, half: (3,) metres.
+        gap: metres between the cell's centre and the nearest sphere; positive where the centre itself is outside.
+        certain: the cell's centre is a point of the piece that no sphere holds. Else it is too thin to tell.
+    """
+
+    piece: str
+    centre: Array
+    half: Array
+    gap: float
+    certain: bool
+
+
+def prove_cover(
+    pieces: Sequence[Piece], centres: ArrayLike, radii: ArrayLike, *, resolution: float = RESOLUTION
+) -> UncoveredCell | None:
+    """None when every point of every piece lies in some sphere, proved; else a cell where that fails.
+
+    Args:
+        pieces: bounded convex pieces.
+        centres, radii: (m, 3) and (m,) metres, in the pieces' frame.
+        resolution: half the edge of the smallest cell looked at.
+
+    Raises:
+        InputError: a half-space, which no finite cover can hold.
+    """
+    c, r = np.asarray(centres, dtype=float).reshape(-1, 3), np.asarray(radii, dtype=float).reshape(-1)
+    for piece in pieces:
+        if piece.kind == "halfspace":
+            raise InputError("no finite number of spheres covers a half-space", where=piece.name)
+        if np.any(farthest_distance(piece, c) <= r):
+            continue
+        failed = _search(piece, c, r, resolution)
+        if failed is not None:
+            return failed
+    return None
+
+
+def fit_radii(
+    pieces: Sequence[Piece], centres: Array, largest: Array, smallest: Array, *, resolution: float
+) -> tuple[Array, Array]:
+    """Radii between `smallest` and `largest` (m,) that cover the pieces, and points (k, 3) that even `largest` miss.
+
+    One pass of the same subdivision: a cell that has become small and is still in no ball raises the radius of the
+    ball that it takes the least to.
+    """
+    radii = np.minimum(smallest, largest)
+    missed: list[Array] = []
+    for piece in pieces:
+        if np.any(farthest_distance(piece, centres) <= radii):
+            continue
+        outside = _Outside(piece)
+        for block, half, balls in _blocks(piece, centres, largest):
+            part = radii[balls]
+            missed += _fit_block(block, half, outside, centres[balls], largest[balls], part, resolution)
+            radii[balls] = part
+            if len(missed) > _MOST:
+                return radii, np.array(missed)
+    return radii, np.array(missed).reshape(-1, 3)
+
+
+def _fit_block(
+    cells: Array, half: Array, outside: _Outside, c: Array, largest: Array, radii: Array, resolution: float
+) -> list[Array]:
+    """`fit_radii` for one block; raises `radii` in place."""
+    while len(cells):
+        left, farthest, _ = _not_covered(cells, half, c, radii)
+        depth = outside(cells[left])
+        meets = depth <= np.linalg.norm(half)
+        cells, farthest, depth = cells[left][meets], farthest[left][meets], depth[meets]
+        hopeless = (farthest > largest).all(axis=1)
+        if half.max() <= resolution:
+            _raise(radii, largest, cells[~hopeless], farthest[~hopeless])
+            return list(cells[hopeless][:4])
+        lost = np.flatnonzero(hopeless & (depth <= 0))
+        lost = lost[(np.linalg.norm(cells[lost, None, :] - c, axis=2) > largest).all(axis=1)]
+        if len(lost):
+            return list(cells[lost[:4]])
+        cells, half = _split(cells, half)
+    return []
+
+
+def _raise(radii: Array, largest: Array, cells: Array, farthest: Array) -> None:
+    """Raise radii, in place, until every cell's farthest corner is in some ball, each by as little as it takes."""
+    waiting = np.ones(len(cells), dtype=bool)
+    while True:
+        waiting &= ~(farthest <= radii).any(axis=1)
+        rows = np.flatnonzero(waiting)
+        if len(rows) == 0:
+            return
+        extra = np.where(farthest[rows] <= largest, farthest[rows] - radii, np.inf)
+        row = int(np.argmax(extra.min(axis=1)))
+        best = int(np.argmin(extra[row]))
+        radii[best] = farthest[rows[row], best]
+
+
+def farthest_distance(piece: Piece, points: Array) -> Array:
+    """Upper bound on the distance from points (m, 3) to the piece's farthest point; exact but for ellipsoids."""
+    x = np.abs((points - piece.pose.position) @ piece.pose.rotation)
+    size = piece.size
+    if piece.kind == "hull":
+        assert piece.vertices is not None
+        local = (points - piece.pose.position) @ piece.pose.rotation
+        distance: Array = np.linalg.norm(local[:, None, :] - piece.vertices, axis=2).max(axis=1)
+    elif piece.kind == "box":
+        distance = np.linalg.norm(x + size, axis=1)
+    elif piece.kind == "cylinder":
+        distance = np.hypot(np.hypot(x[:, 0], x[:, 1]) + size[0], x[:, 2] + size[1])
+    elif piece.kind == "capsule":
+        distance = np.hypot(np.hypot(x[:, 0], x[:, 1]), x[:, 2] + size[1]) + size[0]
+    else:
+        distance = np.linalg.norm(x, axis=1) + size.max()
+    return distance
+
+
+def first_cells(piece: Piece) -> tuple[Array, Array]:
+    """Centres (k, 3) and half edges (3,) of nearly cubic cells that fill the piece's bounding box."""
+    lower, upper = bounding_box(piece)
+    counts = np.ceil((upper - lower) / max(float((upper - lower).min()), 0.01)).astype(int)
+    counts = np.clip(counts, 1, 32)
+    half = 0.5 * (upper - lower) / counts
+    grid = np.meshgrid(*(np.arange(n) for n in counts), indexing="ij")
+    return lower + half + 2 * half * np.stack([g.reshape(-1) for g in grid], axis=1), half
+
+
+class _Outside:
+    """A lower bound on the signed distance of points to one piece, which is exact inside and zero on its surface."""
+
+    def __init__(self, piece: Piece) -> None:
+        self._shape = ObstacleArrays([piece])
+
+    def __call__(self, points: Array) -> Array:
+        return self._shape.floor(points)
+
+
+def _blocks(piece: Piece, c: Array, r: Array) -> Iterator[tuple[Array, Array, NDArray[np.int64]]]:
+    """The first cells (1, 3) one by one, their half edges, and the balls that reach into each."""
+    cells, half = first_cells(piece)
+    for cell in cells:
+        apart = np.linalg.norm(np.maximum(np.abs(cell - c) - half, 0.0), axis=1)
+        yield cell[None], half, np.flatnonzero(apart <= r)
+
+
+def _split(cells: Array, half: Array) -> tuple[Array, Array]:
+    return (cells[:, None, :] + _EIGHTHS * half).reshape(-1, 3), half / 2
+
+
+def _search(piece: Piece, c: Array, r: Array, resolution: float) -> UncoveredCell | None:
+    outside = _Outside(piece)
+    for block, first_half, balls in _blocks(piece, c, r):
+        cells, half = block, first_half
+        while len(cells):
+            left, _, nearest = _not_covered(cells, half, c[balls], r[balls])
+            depth = outside(cells[left])
+            meets = depth <= np.linalg.norm(half)
+            cells, nearest, depth = cells[left][meets], nearest[left][meets], depth[meets]
+            gap = np.where(depth <= 0, nearest, -np.inf)
+            if len(cells) and (gap.max() > 0 or half.max() <= resolution):
+                certain = bool(gap.max() > 0)
+                worst = int(np.argmax(gap if certain else nearest))
+                centre = cells[worst]
+                away = float((np.linalg.norm(centre - c, axis=1) - r).min(initial=np.inf))
+                return UncoveredCell(piece.name, read_only(centre), read_only(half), away, certain)
+            cells, half = _split(cells, half)
+    return None
+
+
+def _not_covered(cells: Array, half: Array, c: Array, r: Array) -> tuple[NDArray[np.bool_], Array, Array]:
+    """Which cells (k, 3) no single ball holds; the distance of each ball's centre to each cell's farthest corner
+    (k, m); the signed distance of the cells' centres to the nearest ball (k,).
+    """
+    offset = np.abs(cells[:, None, :] - c)
+    farthest = np.sqrt(np.sum((offset + half) ** 2, axis=2))
+    nearest = (np.sqrt(np.sum(offset**2, axis=2)) - r).min(axis=1, initial=np.inf)
+    return ~(farthest <= r).any(axis=1), farthest, nearest

@@ -1,0 +1,169 @@
+"""Outer sphere covers: few spheres that hold all of the geometry, each sticking out of it by no more than asked.
+
+A ball of radius r around a point whose signed distance to a convex piece is s sticks out of it by exactly `r + s`. So a
+centre may have the radius `overshoot - s`, and the best cover is the smallest set of such balls that holds the pieces:
+a greedy set cover over sample points, thinned and tightened, and then proved by subdivision (`cover_proof`), which
+names the cells that samples have missed until none is left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from workcell.errors import InputError
+from workcell.geometry.clearance import ObstacleArrays
+from workcell.geometry.greedy import cover_union
+from workcell.geometry.pieces import model_pieces, move_piece, pieces_of_bodies, robot_pieces
+from workcell.geometry.types import Piece, SphereCover
+from workcell.pose import Array, Pose
+
+if TYPE_CHECKING:
+    import mujoco
+
+    from workcell.model.robot import Robot
+    from workcell.model.scene import Scene, SceneRobot
+
+
+def cover_piece(piece: Piece, overshoot: float) -> tuple[Array, Array, Array]:
+    """Spheres that hold one piece.
+
+    Args:
+        piece: bounded convex piece.
+        overshoot: metres that a sphere may stick out.
+
+    Returns:
+        centres (m, 3), radii (m,) and each sphere's measured overshoot (m,), in the piece's outer frame.
+
+    Raises:
+        InputError: a half-space, or an overshoot that is not positive.
+    """
+    return cover_pieces([piece], overshoot)
+
+
+def cover_pieces(pieces: Sequence[Piece], overshoot: float) -> tuple[Array, Array, Array]:
+    """As `cover_piece`, for the union of pieces that move together; a sphere may serve several of them."""
+    if not (np.isfinite(overshoot) and overshoot > 0):
+        raise InputError(
+            f"an overshoot of {overshoot} m makes no sense", where="overshoot", remedy="e.g. 0.02"
+        )
+    for piece in pieces:
+        if piece.kind == "halfspace":
+            raise InputError("no finite number of spheres covers a half-space", where=piece.name)
+    if not pieces:
+        return np.zeros((0, 3)), np.zeros(0), np.zeros(0)
+    centres, radii = cover_union(pieces, overshoot)
+    return centres, radii, overshoots(pieces, centres, radii)
+
+
+def overshoots(pieces: Sequence[Piece], centres: ArrayLike, radii: ArrayLike) -> Array:
+    """How far each sphere, centres (m, 3) and radii (m,), sticks out of the piece that it suits best: (m,) metres."""
+    depth = ObstacleArrays(pieces).nearest(centres)[0]
+    measured: Array = np.maximum(np.asarray(radii, dtype=float) + depth, 0.0)
+    return measured
+
+
+def robot_cover(
+    model: mujoco.MjModel,
+    robot: SceneRobot,
+    *,
+    overshoot: float = 0.02,
+    qpos: ArrayLike | None = None,
+    base: bool = False,
+) -> SphereCover:
+    """Outer cover of a scene's robot, gripper included, in link frames.
+
+    Args:
+        model: the scene's compiled model.
+        robot: the robot.
+        overshoot: metres that a sphere may stick out of its link.
+        qpos: (nq,) where the joints that are not planned for stand; None: the gripper at its home.
+        base: cover what no joint moves, too (a pedestal: it stands where it stands).
+    """
+    return _cover_links(robot_pieces(model, robot, qpos), overshoot, base)
+
+
+def model_cover(
+    model: mujoco.MjModel, robot: Robot, *, overshoot: float = 0.02, base: bool = False
+) -> SphereCover:
+    """The same for a robot file that was compiled by itself (`workcell.model.load.load_compiled`)."""
+    return _cover_links(model_pieces(model, robot), overshoot, base)
+
+
+def attached_cover(
+    scene: Scene,
+    robot: SceneRobot,
+    object_name: str,
+    T_tool_object: Pose,
+    *,
+    overshoot: float = 0.02,
+) -> SphereCover:
+    """Outer cover of a carried object, in the frame of the link that carries the robot's default tool.
+
+    Raises:
+        UnknownNameError: no object of that name.
+    """
+    thing = scene.object(object_name)
+    qpos = scene.initial_qpos()
+    T_world_object = _body_pose(scene.model, thing.body_id, qpos)
+    tool = robot.robot.tool()
+    T_link_world = tool.T_link_tool @ T_tool_object @ T_world_object.inverse()
+    world = pieces_of_bodies(scene.model, thing.body_ids, qpos)
+    return cover_of([move_piece(piece, T_link_world) for piece in world], overshoot, link=tool.link)
+
+
+def obstacle_cover(pieces: Sequence[Piece], *, overshoot: float = 0.02) -> SphereCover:
+    """Outer cover of obstacles in the world frame, body by body; half-spaces are left out (no cover holds them)."""
+    groups: dict[str, list[Piece]] = {}
+    for piece in pieces:
+        if piece.kind != "halfspace":
+            groups.setdefault(piece.body or piece.name, []).append(piece)
+    return merge_covers(*(cover_of(group, overshoot) for group in groups.values()))
+
+
+def cover_of(pieces: Sequence[Piece], overshoot: float, *, link: int = 0) -> SphereCover:
+    """Outer cover of pieces that move together, carried by one link."""
+    centres, radii, measured = cover_pieces(pieces, overshoot)
+    return SphereCover(np.full(len(radii), link), centres, radii, "outer", measured, sources(pieces, centres))
+
+
+def sources(pieces: Sequence[Piece], centres: Array) -> tuple[str, ...]:
+    """Name of the piece nearest to each centre (m, 3)."""
+    if len(centres) == 0:
+        return ()
+    nearest = ObstacleArrays(pieces).nearest(centres)[2]
+    return tuple(pieces[int(k)].name for k in nearest)
+
+
+def merge_covers(*covers: SphereCover) -> SphereCover:
+    """One cover out of several of the same robot; its kind is the common one, else `given`."""
+    parts = [cover for cover in covers if len(cover)]
+    if not parts:
+        return SphereCover(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0), "outer")
+    kinds = {cover.kind for cover in parts}
+    return SphereCover(
+        np.concatenate([cover.link for cover in parts]),
+        np.concatenate([cover.centre for cover in parts]),
+        np.concatenate([cover.radius for cover in parts]),
+        kinds.pop() if len(kinds) == 1 else "given",
+        np.concatenate([cover.overshoot for cover in parts if cover.overshoot is not None]),
+        tuple(name for cover in parts for name in (cover.source or ("",) * len(cover))),
+    )
+
+
+def _cover_links(links: Sequence[Sequence[Piece]], overshoot: float, base: bool) -> SphereCover:
+    return merge_covers(
+        *(cover_of(pieces, overshoot, link=link) for link, pieces in enumerate(links) if link or base)
+    )
+
+
+def _body_pose(model: mujoco.MjModel, body: int, qpos: Array) -> Pose:
+    import mujoco
+
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(model, data)
+    return Pose(data.xpos[body], data.xquat[body])

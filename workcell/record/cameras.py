@@ -104,7 +104,7 @@ def _best(
     """The camera around `frame` that sees the work best; not within 50 degrees of the azimuth `avoid`."""
     best, best_score = None, -np.inf
     for elevation in np.radians([14.0, 30.0]):
-        for azimuth in np.radians(np.arange(0, 360, 24) - 160.0):
+        for azimuth in np.radians(np.arange(0, 360, 15) - 160.0):
             turned = np.pi if avoid is None else abs(np.angle(np.exp(1j * (azimuth - avoid))))
             if turned < np.radians(50.0):
                 continue

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.pose import Array
 from workcell.record.raster import Buffers, Camera, Surface, rasterise, unit
@@ -92,7 +93,7 @@ def outlines(buffers: Buffers) -> Array:
         a = (here, slice(None)) if axis == 0 else (slice(None), here)
         b = (there, slice(None)) if axis == 0 else (slice(None), there)
         other = buffers.ident[a] != buffers.ident[b]
-        crease = np.sum(buffers.normal[a] * buffers.normal[b], axis=-1) < 0.5
+        crease = np.einsum("hwj,hwj->hw", buffers.normal[a], buffers.normal[b]) < 0.5
         near_a, near_b = buffers.nearness[a], buffers.nearness[b]
         with np.errstate(invalid="ignore"):
             jump = np.abs(near_a - near_b) > 0.06 * np.maximum(np.abs(near_a), np.abs(near_b))
@@ -115,9 +116,19 @@ def blend(picture: Array, opaque: Buffers, camera: Camera, surfaces: Sequence[Su
         colour = layer.rgb[front] * (0.65 + 0.35 * towards[:, None])
         share = np.clip(alpha + 0.35 * (1.0 - towards), 0.0, 1.0)[:, None]
         result[front] = (1 - share) * result[front] + share * colour
-        rim = (outlines(layer) > 0) & (layer.ident >= 0) & front
+        rim = _rim(layer.ident >= 0) & front
         result[rim] = 0.5 * result[rim] + 0.5 * layer.rgb[rim] * 0.6
     return result
+
+
+def _rim(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Pixels of a mask that have a neighbour outside it."""
+    inner = mask.copy()
+    inner[1:] &= mask[:-1]
+    inner[:-1] &= mask[1:]
+    inner[:, 1:] &= mask[:, :-1]
+    inner[:, :-1] &= mask[:, 1:]
+    return mask & ~inner
 
 
 def draw_line(picture: Array, opaque: Buffers, camera: Camera, line: Line) -> Array:

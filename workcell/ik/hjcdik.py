@@ -1,56 +1,201 @@
-"""HJCD-IK: seeds, greedy coordinate descent, damped Newton polish (arXiv: see PAPERS), with collisions inside.
+"""HJCD-IK with collisions inside: seeds, greedy coordinate descent, damped Newton polish, then clear of the obstacles.
 
-The paper samples and polishes for kinematics alone. Here a pose in collision slides clear under a hinge on penetration;
-an arm with one joint to spare walks around its self-motion curve. Kernels are compiled, on the first call.
+The two phases are those of the paper (PAPERS: HJCD-IK, Sections III and IV), which knows kinematics alone. Here a
+pose in collision slides clear under a hinge on penetration, and an arm with joints to spare walks around its
+self-motion curve. All of it is compiled when first called (`prepare` does so ahead of time) and cached on disk.
 """
 
 from __future__ import annotations
 
 import time
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from workcell.ik.packing import narrowed_arm, pack_arm, pack_world
+from workcell.ik.packing import has_collisions, kernels, narrowed_arm, new_memory, pack_world, random_state, shrunk_world
 from workcell.ik.problem import Budget, IKProblem
+from workcell.ik.refine import DEEPEST, refine_packed
 from workcell.ik.result import Candidate
-from workcell.model.robot import Robot
+from workcell.ik.verify import sphere_name
 from workcell.pose import Array
 
+if TYPE_CHECKING:
+    from workcell.ik.kernels.options import World
+    from workcell.ik.kernels.search import Memory
+
 ACCURACY = 1e-8
-"""Metres of residual (a radian weighs 0.3 m) at which a pose counts as reached inside the solver."""
-CHUNK = 50
-"""Restarts between looks at the clock."""
+"""Metres of residual (a radian weighs 0.3 m) to which poses are polished."""
+RESTARTS = 16
+"""Restarts between two looks at the clock."""
+MOST_CHECKS = 300
+"""Candidates shown to a problem's own checker before the search gives up."""
+NEAR_MISSES = 5
+"""Reasons that are reported."""
+NEARBY = 12
+"""Seeds drawn near the reference where links may turn by little only."""
+
+
+def prepare() -> None:
+    """Import and compile (or load from the cache) what `solve_hjcd` calls, so that the first query is a quick one."""
+    entries = kernels()
+    q, cost, first = np.zeros((1, 1)), np.zeros(1), np.zeros((0, 1))
+    arm = entries.Arm(np.zeros((3, 13)), np.zeros((3, 1)))
+    world = entries.World(np.zeros((0, 6)), np.zeros((2, 6)), np.zeros((0, 19)), np.zeros((0, 13)), 0.0)
+    entries.solve_targets(arm, np.zeros((0, 7)), first, ACCURACY, 0, random_state(0), q, cost)
+    entries.search(arm, world, np.zeros(7), first, ACCURACY, ACCURACY, 0, new_memory(1, 0), q[0])
 
 
 def solve_hjcd(problem: IKProblem, budget: Budget, seed: int = 0) -> Candidate:
-    """Look for a configuration."""
-    from workcell.ik.kernels import search as kernels
+    """Look for a configuration until the budget (CPU seconds of this process) is spent.
+
+    The first start is `q_reference` where there is one; `max_step` narrows the joint limits. Deterministic for a seed,
+    as far as the budget reaches. `stats["exhausted"]` is 1 where the search ended early because every restart of a long
+    series led to configurations seen before: strong evidence that there is no solution, but no proof.
+    """
     deadline = time.process_time() + budget.cpu_s
-    arm = narrowed_arm(problem)
-    world = pack_world(problem)
-    n = problem.robot.dof
-    pose = np.concatenate([problem.target.position, problem.target.quat_wxyz])
-    if world is None:
-        from workcell.ik.kernels import free
-        q = np.empty((1, n)); cost = np.empty(1)
-        free.solve_targets(arm, pose[None], np.empty((0, n)), ACCURACY, 1000, np.array([seed], np.uint64), q, cost)
-        return Candidate(q=q[0])
-    memory = new_memory(n, seed)
-    out = np.empty(n)
-    first = np.empty((0, n))
+    if budget.cpu_s <= 0:
+        return Candidate()
+    if has_collisions(problem) or problem.checker is not None or problem.max_link_rotation is not None:
+        return _Search(problem, seed).run(deadline)
+    return _solve_free(problem, deadline, seed)
+
+
+def target_row(problem: IKProblem) -> Array:
+    """The target's position and quaternion wxyz (7,)."""
+    return np.concatenate([problem.target.position, problem.target.quat_wxyz])
+
+
+def enough(problem: IKProblem) -> float:
+    """Metres of residual that surely meet the problem's tolerances."""
+    return 0.2 * min(problem.tolerances.position, 0.3 * problem.tolerances.rotation)
+
+
+def _solve_free(problem: IKProblem, deadline: float, seed: int) -> Candidate:
+    """Restart until the pose is reached; nothing to collide with."""
+    arm, n = narrowed_arm(problem), problem.robot.dof
+    poses, q, cost = target_row(problem)[None], np.empty((1, n)), np.empty(1)
+    first = np.empty((0, n)) if problem.q_reference is None else np.array(problem.q_reference)[None]
+    random, accepted = random_state(seed), enough(problem) ** 2
+    restarts, best = 0, np.inf
     while True:
-        status = kernels.search(arm, world, pose, first, ACCURACY, CHUNK, memory, out)
-        if status == kernels.FOUND:
-            return Candidate(q=out, stats={"restarts": memory.counts[0], "poses": memory.counts[1], "slides":memory.counts[2],"curves": memory.counts[3]})
-        if status == kernels.EXHAUSTED or time.process_time() > deadline:
-            return Candidate(stats={"restarts": memory.counts[0], "poses": memory.counts[1], "slides":memory.counts[2],"curves": memory.counts[3], "exhausted": float(status == -1)})
+        restarts += kernels().solve_targets(arm, poses, first, ACCURACY, 100, random, q, cost)
+        if cost[0] <= accepted:
+            return Candidate(q=q[0], stats={"restarts": float(restarts), "residual_m": float(cost[0]) ** 0.5})
+        best = min(best, float(cost[0]))
+        if time.process_time() > deadline:
+            return Candidate(stats={"restarts": float(restarts)}, rejected=(_unreached(restarts, best),))
 
 
-def new_memory(n: int, seed: int):
-    from workcell.ik.kernels.search import MISSES, Memory
-    from workcell.ik.kernels.trace import MEMORY
+class _Search:
+    """One query among obstacles: chunks of compiled search, and the judges that only Python can ask in between."""
 
-    counts = np.zeros(8)
-    counts[5] = -1.0
-    misses = np.full((MISSES, n + 3), -1e3)
-    return Memory(np.array([seed], np.uint64), counts, np.empty((MEMORY, 2 * n + 1)), np.zeros(1), np.zeros(n), misses)
+    def __init__(self, problem: IKProblem, seed: int) -> None:
+        self.problem, self._seed = problem, seed
+        self._arm, self._pose = narrowed_arm(problem), target_row(problem)
+        self._first = self._starts()
+        world = pack_world(problem)
+        self._lanes = [(world, new_memory(problem.robot.dof, seed))]
+        if problem.checker is not None and has_collisions(problem):
+            # An outer cover may forbid what the true shape allows: every other chunk forgives it its overshoot.
+            self._lanes.append((shrunk_world(problem, world), new_memory(problem.robot.dof, seed + 1)))
+        self._checks = 0
+        self._refined: set[bytes] = set()
+        self._refused: dict[str, None] = {}
+
+    def _starts(self) -> Array:
+        """Configurations (k, n) to begin from: the reference, and some near it where links may not turn far."""
+        problem = self.problem
+        if problem.q_reference is None:
+            return np.empty((0, problem.robot.dof))
+        starts = np.array(problem.q_reference)[None]
+        if problem.max_link_rotation is not None:
+            spread = np.random.default_rng(self._seed).normal(size=(NEARBY, problem.robot.dof))
+            starts = np.concatenate([starts, starts + 0.25 * problem.max_link_rotation * spread])
+        bounds = self._arm.bounds
+        return np.clip(starts, bounds[0], bounds[1])
+
+    def run(self, deadline: float) -> Candidate:
+        """Search until a configuration is found, the search is exhausted or the time is over."""
+        lanes, exhausted = list(self._lanes), False
+        q = np.empty(self.problem.robot.dof)
+        while lanes and self._checks < MOST_CHECKS:
+            for lane in list(lanes):
+                world, memory = lane
+                status = kernels().search(
+                    self._arm, world, self._pose, self._first, ACCURACY, enough(self.problem), RESTARTS, memory, q
+                )  # fmt: skip
+                if status == kernels().FOUND and self._passes(q):
+                    return self._candidate(q, exhausted=False)
+                if status == kernels().EXHAUSTED:
+                    lanes.remove(lane)
+                elif status == kernels().SPENT and self._refine(world, memory, q) and self._passes(q):
+                    return self._candidate(q, exhausted=False)
+                if time.process_time() > deadline:
+                    return self._candidate(None, exhausted=False)
+            exhausted = not lanes
+        return self._candidate(None, exhausted)
+
+    def _refine(self, world: World, memory: Memory, q: Array) -> bool:
+        """Quadratic programs from the nearest misses, into q; for arms whose self-motion is more than a curve."""
+        if self.problem.robot.dof < 8:
+            return False
+        starts = [miss[3:] for miss in memory.misses if miss[0] > world.required - DEEPEST]
+        starts = [q for q in starts if q.tobytes() not in self._refined]
+        self._refined |= {q.tobytes() for q in starts}
+        return bool(starts) and refine_packed(self._arm, world, self._pose, np.array(starts), ACCURACY, q)
+
+    def _passes(self, q: Array) -> bool:
+        """Ask the judges that the kernels don't know: link rotations and the problem's own checker."""
+        problem = self.problem
+        if problem.max_link_rotation is not None and problem.q_reference is not None:
+            T = problem.robot.link_transforms(np.stack([q, problem.q_reference]))[:, :, :3, :3]
+            change = np.linalg.norm(T[0] - T[1], axis=(1, 2))
+            if change.max() > problem.max_link_rotation:
+                self._refused[f"link {problem.robot.link_names[int(change.argmax())]} turns too far"] = None
+                return False
+        if problem.checker is None:
+            return True
+        self._checks += 1
+        clearance = problem.checker(q)
+        if clearance.distance >= problem.tolerances.safety_margin:
+            return True
+        first, second = clearance.pair
+        self._refused[f"{first} is {_gap(clearance.distance)} {second}, says the problem's checker"] = None
+        return False
+
+    def _candidate(self, q: Array | None, exhausted: bool) -> Candidate:
+        entries = kernels()
+        counts = np.sum([memory.counts for _, memory in self._lanes], axis=0)
+        stats = {
+            "restarts": float(counts[entries.RESTARTS]),
+            "poses": float(counts[entries.POSES]),
+            "slides": float(counts[entries.SLID]),
+            "curves": float(counts[entries.CURVES]),
+            "refinements": float(len(self._refined)),
+            "checks": float(self._checks),
+            "exhausted": float(exhausted),
+        }
+        if q is not None:
+            return Candidate(q=q, stats=stats)
+        return Candidate(stats=stats, rejected=self._near_misses())
+
+    def _near_misses(self) -> tuple[str, ...]:
+        """Why the nearest configurations are no solutions."""
+        reasons = list(self._refused)[:NEAR_MISSES]
+        memory = self._lanes[0][1]
+        for row in memory.misses:
+            if row[0] > -1e3:
+                sphere, obstacle = sphere_name(self.problem, int(row[1])), self.problem.obstacles[int(row[2])].name
+                reasons.append(f"{sphere} is {_gap(row[0])} {obstacle}")
+        if not reasons:
+            entries = kernels()
+            reasons.append(_unreached(int(memory.counts[entries.RESTARTS]), memory.counts[entries.BEST]))
+        return tuple(dict.fromkeys(reasons))[:NEAR_MISSES]
+
+
+def _gap(distance: float) -> str:
+    return f"{-1e3 * distance:.3g} mm inside" if distance < 0 else f"{1e3 * distance:.3g} mm from"
+
+
+def _unreached(restarts: int, cost: float) -> str:
+    return f"none of {restarts} restarts reached the pose; the nearest left a residual of {1e3 * cost**0.5:.3g} mm"

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import functools
+import importlib
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.errors import InputError
 from workcell.geometry.types import Piece, SphereCover
@@ -17,13 +19,21 @@ from workcell.pose import Array, quat_to_matrix
 
 if TYPE_CHECKING:
     from workcell.ik.kernels.options import Arm, World
+    from workcell.ik.kernels.search import Memory
 
 KINDS = {"box": 0, "sphere": 1, "capsule": 2, "cylinder": 3, "ellipsoid": 4, "halfspace": 5, "hull": 6}
 """Codes of `workcell.ik.kernels.distance`."""
 _TURN = 2 * np.pi
 _REMEMBERED = 32
+_UPRIGHT = np.eye(3).ravel()
 
 Value = TypeVar("Value")
+
+
+@functools.cache
+def kernels() -> Any:
+    """The compiled kernels (`workcell.ik.kernels.entries`), imported on first use: numba takes half a second."""
+    return importlib.import_module("workcell.ik.kernels.entries")
 
 
 class _ByIdentity:
@@ -70,8 +80,6 @@ def _bounds(robot: Robot, lower: Array, upper: Array) -> Array:
 
 
 def _arm(robot: Robot) -> Arm:
-    from workcell.ik.kernels.options import Arm
-
     tool = robot.tool()
     if tool.link != robot.dof:
         raise InputError(
@@ -89,7 +97,7 @@ def _arm(robot: Robot) -> Arm:
         frames[k + 1, 12] = float(robot.prismatic[k])
     frames[-1, :9] = (turned[-1].T @ tool.T_link_tool.rotation).ravel()
     frames[-1, 9:12] = turned[-1].T @ tool.T_link_tool.position
-    return Arm(frames, _bounds(robot, robot.lower, robot.upper))
+    return kernels().Arm(frames, _bounds(robot, robot.lower, robot.upper))
 
 
 def axis_frames(robot: Robot) -> Array:
@@ -136,15 +144,17 @@ def pack_obstacles(pieces: Sequence[Piece]) -> tuple[Array, Array]:
     faces: list[Array] = []
     if not pieces:
         return rows, np.zeros((0, 13))
+    poses = [piece.pose for piece in pieces]
+    sizes = [piece.size for piece in pieces]
     rows[:, 0] = [KINDS[piece.kind] for piece in pieces]
-    rows[:, 1:4] = [piece.pose.position for piece in pieces]
-    rows[:, 4:13] = _rotations(np.array([piece.pose.quat_wxyz for piece in pieces]))
-    width = np.array([piece.size.size for piece in pieces])
-    sizes = np.concatenate([piece.size for piece in pieces])
-    rows[:, 13:16][np.arange(3) < width[:, None]] = sizes
-    a, b, c = rows[:, 13], rows[:, 14], rows[:, 15]
+    rows[:, 1:4] = np.concatenate([pose.position for pose in poses]).reshape(-1, 3)
+    rows[:, 4:13] = _rotations(np.concatenate([pose.quat_wxyz for pose in poses]).reshape(-1, 4))
+    widths = np.array([size.size for size in sizes])
+    rows[:, 13:16][np.arange(3) < widths[:, None]] = np.concatenate(sizes)
+    rows[:, 16] = np.sqrt(np.einsum("ij,ij->i", rows[:, 13:16], rows[:, 13:16]))
     kind = rows[:, 0]
-    rows[:, 16] = np.where(kind == 2, a + b, np.where(kind == 4, np.maximum(a, np.maximum(b, c)), np.sqrt(a * a + b * b + c * c)))  # fmt: skip
+    capsule = kind == KINDS["capsule"]
+    rows[capsule, 16] = rows[capsule, 13] + rows[capsule, 14]
     for row in np.flatnonzero(kind == KINDS["hull"]):
         vertices = pieces[row].vertices
         assert vertices is not None
@@ -157,8 +167,9 @@ def pack_obstacles(pieces: Sequence[Piece]) -> tuple[Array, Array]:
 
 
 def _rotations(quats: Array) -> Array:
-    if np.all(quats[:, 1:] == 0.0):
-        return np.tile(np.eye(3).ravel(), (len(quats), 1))
+    """Rows (k, 9) of rotations; most obstacles stand upright."""
+    if not np.any(quats[:, 1:]):
+        return _UPRIGHT
     return quat_to_matrix(quats).reshape(-1, 9)
 
 
@@ -176,12 +187,39 @@ def _surface(vertex_bytes: bytes) -> Array:
     return np.column_stack([hull.equations, corners.reshape(-1, 9)])
 
 
-def pack_world(problem: IKProblem, shrunk: bool = False) -> World | None:
-    """The problem's spheres and obstacles, or None where there is nothing to collide in the solvers' model."""
-    from workcell.ik.kernels.options import World
-
-    if problem.cover is None or len(problem.cover) == 0 or not problem.obstacles:
-        return None
-    spheres, balls = pack_cover(problem.robot, problem.cover, shrunk)
+def pack_world(problem: IKProblem) -> World:
+    """The problem's spheres and obstacles; without either, a world in which nothing collides."""
+    if problem.cover is None or not has_collisions(problem):
+        empty = np.zeros((0, 6)), np.zeros((problem.robot.dof + 1, 6)), np.zeros((0, 19)), np.zeros((0, 13))
+        return kernels().World(*empty, 0.0)
+    spheres, balls = pack_cover(problem.robot, problem.cover)
     obstacles, faces = pack_obstacles(problem.obstacles)
-    return World(spheres, balls, obstacles, faces, float(problem.tolerances.safety_margin))
+    return kernels().World(spheres, balls, obstacles, faces, float(problem.tolerances.safety_margin))
+
+
+def shrunk_world(problem: IKProblem, world: World) -> World:
+    """The same with the spheres of an outer cover shrunk by their overshoot: for problems with another judge."""
+    if problem.cover is None or not has_collisions(problem):
+        return world
+    spheres, balls = pack_cover(problem.robot, problem.cover, shrunk=True)
+    return world._replace(spheres=spheres, balls=balls)
+
+
+def has_collisions(problem: IKProblem) -> bool:
+    """Whether there are spheres and obstacles in the solvers' model."""
+    return problem.cover is not None and len(problem.cover) > 0 and len(problem.obstacles) > 0
+
+
+def new_memory(dof: int, seed: int) -> Memory:
+    """A search that has not begun."""
+    entries = kernels()
+    counts = np.zeros(8)
+    counts[entries.ARC], counts[entries.BEST] = -1.0, np.inf
+    misses = np.full((entries.MISSES, dof + 3), -1e3)
+    points = np.empty((entries.MEMORY, 2 * dof + 1))
+    return entries.Memory(random_state(seed), counts, points, np.zeros(1), np.zeros(dof), np.zeros(dof), misses)
+
+
+def random_state(seed: int) -> NDArray[np.uint64]:
+    """The kernels' random stream for a seed."""
+    return np.array([seed % 2**64], dtype=np.uint64)

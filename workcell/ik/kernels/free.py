@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from workcell.ik.kernels.chain import forward, pose_error, read_target, seed
 from workcell.ik.kernels.descent import descend
@@ -13,11 +12,8 @@ from workcell.pose import Array
 
 SEEDS = 4
 """Uniform configurations from which a restart takes the best."""
-SWEEPS = 3
+SWEEPS = 2
 """Coordinate-descent updates before the polish."""
-ITERATIONS = 30
-"""Newton iterations before a restart."""
-RandomStates = NDArray[np.uint64]
 
 
 @inner
@@ -25,7 +21,7 @@ def restart(arm: Arm, target: Array, accuracy: float, random: RandomState, q: Ar
     """One seed, descended and polished, into q; returns the squared residual reached."""
     seed(arm, target, random, SEEDS, q, work.trial, work.T, work.e)
     descend(arm, target, SWEEPS, q, work.T, work.e, moves)
-    return polish(arm, target, ITERATIONS, accuracy, q, work)
+    return polish(arm, target, accuracy, q, work)
 
 
 @kernel
@@ -46,7 +42,7 @@ def solve_targets(
             if attempt == 0 and i < first.shape[0]:
                 for k in range(n):
                     trial[k] = first[i, k]
-                reached = polish(arm, target, ITERATIONS, accuracy, trial, work)
+                reached = polish(arm, target, accuracy, trial, work)
             else:
                 reached = restart(arm, target, accuracy, random, trial, moves, work)
             done += 1
@@ -81,9 +77,9 @@ def descend_batch(arm: Arm, pose: Array, seeds: Array, sweeps: int, coarse: floa
 
 
 @kernel
-def polish_batch(arm: Arm, pose: Array, iterations: int, accuracy: float, q: Array, cost: Array) -> None:
+def polish_batch(arm: Arm, pose: Array, accuracy: float, q: Array, cost: Array) -> None:
     """Phase two over q (b, n), in place, with the squared residuals left in cost (b,)."""
     work, target = scratch(q.shape[1]), np.empty(12)
     read_target(pose, target)
     for i in range(q.shape[0]):
-        cost[i] = polish(arm, target, iterations, accuracy, q[i], work)
+        cost[i] = polish(arm, target, accuracy, q[i], work)

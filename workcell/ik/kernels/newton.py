@@ -9,8 +9,12 @@ from workcell.ik.kernels.linear import factor6, gram, solve6
 from workcell.ik.kernels.options import Arm, Work, inner
 from workcell.pose import Array
 
-LONGEST_STEP = 1.0
-"""First trust radius, radians."""
+LONGEST_STEP = 2.0
+"""Trust radius in joint space, radians."""
+ITERATIONS = 24
+"""Most iterations of one polish."""
+ROUND, PROGRESS = 5, 0.3
+"""Iterations after which the cost must have fallen to this share, or the polish gives up."""
 
 
 @inner
@@ -66,10 +70,10 @@ def _try(arm: Arm, target: Array, q: Array, share: float, work: Work, e: Array) 
 
 
 @inner
-def _fall_back(arm: Arm, target: Array, q: Array, cost: float, radius: float, work: Work, e: Array) -> float:
+def _fall_back(arm: Arm, target: Array, q: Array, cost: float, work: Work, e: Array) -> float:
     """When the damped step fails: backtracking, then dogleg (Eqs. 14-15), then the best single joint (Eq. 16)."""
     n = q.shape[0]
-    for halving in range(1, 4):
+    for halving in range(1, 3):
         trial = _try(arm, target, q, 0.5**halving, work, e)
         if trial < cost:
             return trial
@@ -84,7 +88,7 @@ def _fall_back(arm: Arm, target: Array, q: Array, cost: float, radius: float, wo
         square += g[k] * g[k]
     if image < 1e-300 or square < 1e-300:
         return 1e300
-    radius = min(0.1 * radius, 0.5 * _length(work.newton))
+    radius = min(0.1 * LONGEST_STEP, 0.5 * _length(work.newton))
     length = min(square / image, radius / math.sqrt(square))
     for k in range(n):
         work.step[k] = length * g[k]
@@ -102,27 +106,27 @@ def _fall_back(arm: Arm, target: Array, q: Array, cost: float, radius: float, wo
     for k in range(n):
         work.step[k] = 0.0
     work.step[best] = math.copysign(0.1, g[best])
-    for halving in range(4):
-        trial = _try(arm, target, q, 0.25**halving, work, e)
-        if trial < cost:
-            return trial
-    return 1e300
+    return _try(arm, target, q, 1.0, work, e)
 
 
 @inner
-def polish(arm: Arm, target: Array, iterations: int, accuracy: float, q: Array, work: Work) -> float:
+def polish(arm: Arm, target: Array, accuracy: float, q: Array, work: Work) -> float:
     """Bring the tool to its target from q (n,), in place; returns the squared residual reached.
 
-    Stops at a residual of `accuracy` metres (rotation weighted), after `iterations`, or when no step helps.
+    Stops at a residual of `accuracy` metres (rotation weighted), when no step helps, or where progress is slow.
     """
     n = q.shape[0]
     forward(arm.frames, q, work.T)
     cost = pose_error(work.T, target, work.e)
-    goal, damping, radius = accuracy * accuracy, 0.03, LONGEST_STEP
+    goal, damping, mark = accuracy * accuracy, 0.03, cost
     e = work.column[:6] if n >= 6 else work.e.copy()
-    for iteration in range(iterations):
-        if cost < goal or (iteration == 8 and cost > 0.1):
+    for iteration in range(ITERATIONS):
+        if cost < goal:
             break
+        if iteration % ROUND == ROUND - 1:
+            if cost > PROGRESS * mark:
+                break
+            mark = cost
         jacobian(arm.frames, work.T, work.J)
         _freeze(q, arm.bounds, work.J, work.e, work.gradient)
         gram(work.J, damping * cost + 1e-14, work.A)
@@ -131,7 +135,7 @@ def polish(arm: Arm, target: Array, iterations: int, accuracy: float, q: Array, 
         solve6(work.A, work.e, work.y)
         _pull_back(work.J, work.y, work.step)
         length = _length(work.step)
-        share = min(1.0, radius / max(length, 1e-300))
+        share = min(1.0, LONGEST_STEP / max(length, 1e-300))
         for k in range(n):
             work.step[k] *= share
             work.newton[k] = work.step[k]
@@ -142,7 +146,7 @@ def polish(arm: Arm, target: Array, iterations: int, accuracy: float, q: Array, 
             damping *= 0.3 if gain > 0.9 else (0.5 if gain > 0.5 else (3.0 if gain < 0.25 else 1.0))
         else:
             damping *= 4.0
-            trial = _fall_back(arm, target, q, cost, radius, work, e)
+            trial = _fall_back(arm, target, q, cost, work, e)
             if not trial < cost:
                 break
         damping = min(max(damping, 1e-6), 1e4)

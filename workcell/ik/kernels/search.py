@@ -11,7 +11,7 @@ from workcell.ik.kernels.chain import forward, read_target
 from workcell.ik.kernels.contact import Contacts, collect, room
 from workcell.ik.kernels.free import restart
 from workcell.ik.kernels.newton import polish
-from workcell.ik.kernels.options import Arm, Work, World, inner, kernel, scratch
+from workcell.ik.kernels.options import Arm, Work, World, inner, kernel, scratch, uniform
 from workcell.ik.kernels.slide import slide
 from workcell.ik.kernels.trace import Walked, accept, remember, walk, was_walked
 from workcell.pose import Array
@@ -28,11 +28,13 @@ WIDTH = 0.03
 """Radians within which a configuration counts as on a curve."""
 KNOWN = 300
 """Restarts in a row that lead to known curves before the search counts as exhausted."""
+APART = 0.05
+"""Radians along a curve from a configuration that was refused to the next that is offered."""
 MISSES = 8
 """Near misses kept."""
-RESTARTS, POSES, SLID, CURVES, REPEATS, ARC, STARTED = range(7)
+RESTARTS, POSES, SLID, CURVES, REPEATS, ARC, STARTED, BEST = range(8)
 """Places in `Memory.counts`: restarts, poses reached, slides and walks, restarts in a row without a new curve, arc to go
-on from on the present curve (negative: none), rows of `first` used."""
+on from on the present curve (negative: none), rows of `first` used, smallest squared residual."""
 
 
 class Memory(NamedTuple):
@@ -44,6 +46,7 @@ class Memory(NamedTuple):
         walked: points of curves, as `trace.Walked` (points and count).
         walked_count: (1,).
         curve: (n,) where the present curve was entered.
+        held: (n,) 1 for joints that stand still on it.
         misses: (MISSES, n + 3) gap, sphere, obstacle, configuration; the smallest penetration first.
     """
 
@@ -52,6 +55,7 @@ class Memory(NamedTuple):
     walked: Array
     walked_count: Array
     curve: Array
+    held: Array
     misses: Array
 
 
@@ -80,7 +84,7 @@ def _note(memory: Memory, world: World, q: Array, contacts: Contacts) -> None:
 
 @inner
 def _improve(
-    arm: Arm, target: Array, world: World, accuracy: float, gap: float, q: Array, out: Array,
+    arm: Arm, target: Array, world: World, enough: float, gap: float, q: Array, out: Array,
     memory: Memory, work: Work, contacts: Contacts, twist: Array,
 ) -> bool:  # fmt: skip
     """From a pose in collision at q (n,), by `gap` metres: slide clear, or walk its curve. True with `out` clear."""
@@ -93,34 +97,46 @@ def _improve(
         if slide(arm, target, world, SLIDES, 1e-5, out, work, contacts) >= 0.0:
             for k in range(n):
                 memory.curve[k] = out[k]
-            if accept(arm, target, world, accuracy, memory.curve, out, work, contacts) >= 0.0:
+            if accept(arm, target, world, enough, memory.curve, out, work, contacts) >= 0.0:
                 return True
     if counts[POSES] < PATIENCE:
         return False
-    if was_walked(arm, walked, q, WIDTH):
+    if n <= 7 and was_walked(arm, walked, q, WIDTH):
         counts[REPEATS] += 1
         return False
     counts[REPEATS] = 0
-    if n != 7:
+    if n < 7:
         for k in range(n):
             work.step[k] = 0.0
         remember(walked, q, work.step, 0.0)
         return False
     counts[CURVES] += 1
+    _hold_at_random(memory, q)
+    arc = walk(arm, target, world, enough, 0.0, memory.held, q, out, walked, work, contacts, twist)
+    counts[ARC] = arc + APART if arc >= 0 else -1.0
+    return arc >= 0
+
+
+@inner
+def _hold_at_random(memory: Memory, q: Array) -> None:
+    """Enter a curve at q (n,): hold all but seven joints."""
+    n, left = q.shape[0], q.shape[0] - 7
     for k in range(n):
         memory.curve[k] = q[k]
-    arc = walk(arm, target, world, accuracy, 0.0, q, out, walked, work, contacts, twist)
-    counts[ARC] = arc + 0.05 if arc >= 0 else -1.0
-    return arc >= 0
+        memory.held[k] = 1.0 if uniform(memory.random) * (n - k) < left else 0.0
+        if memory.held[k] != 0.0:
+            left -= 1
 
 
 @kernel
 def search(
-    arm: Arm, world: World, pose: Array, first: Array, accuracy: float, restarts: int, memory: Memory, out: Array
-) -> int:
+    arm: Arm, world: World, pose: Array, first: Array, accuracy: float, enough: float, restarts: int,
+    memory: Memory, out: Array,
+) -> int:  # fmt: skip
     """Up to `restarts` restarts for a clear configuration that reaches pose (7,), into out (n,).
 
-    Rows of first (k, n) are tried before random seeds. Returns FOUND, SPENT or EXHAUSTED; called again with the same
+    Rows of first (k, n) are tried before random seeds. Poses are polished to a residual of `accuracy` metres; those that
+    stall below `enough` count too (targets at a singularity). Returns FOUND, SPENT or EXHAUSTED; called again with the same
     memory it goes on, after FOUND past the configuration that was found.
     """
     n = out.shape[0]
@@ -132,8 +148,8 @@ def search(
         for k in range(n):
             q[k] = memory.curve[k]
         walked = Walked(memory.walked, memory.walked_count)
-        arc = walk(arm, target, world, accuracy, counts[ARC], q, out, walked, work, contacts, twist)
-        counts[ARC] = arc + 0.05 if arc >= 0 else -1.0
+        arc = walk(arm, target, world, enough, counts[ARC], memory.held, q, out, walked, work, contacts, twist)
+        counts[ARC] = arc + APART if arc >= 0 else -1.0
         if arc >= 0:
             return FOUND
     for _restart in range(restarts):
@@ -142,10 +158,11 @@ def search(
             for k in range(n):
                 q[k] = first[int(counts[STARTED]), k]
             counts[STARTED] += 1
-            reached = polish(arm, target, 40, accuracy, q, work)
+            reached = polish(arm, target, accuracy, q, work)
         else:
             reached = restart(arm, target, accuracy, memory.random, q, moves, work)
-        if reached > accuracy * accuracy:
+        counts[BEST] = min(counts[BEST], reached)
+        if reached > enough * enough:
             continue
         counts[POSES] += 1
         forward(arm.frames, q, work.T)
@@ -155,7 +172,7 @@ def search(
                 out[k] = q[k]
             return FOUND
         _note(memory, world, q, contacts)
-        if _improve(arm, target, world, accuracy, gap - world.required, q, out, memory, work, contacts, twist):
+        if _improve(arm, target, world, enough, gap - world.required, q, out, memory, work, contacts, twist):
             return FOUND
         if counts[REPEATS] >= KNOWN and n <= 7:
             return EXHAUSTED

@@ -1,8 +1,9 @@
-"""Walk along the self-motion of an arm with one joint to spare, and stop where it is clear of obstacles.
+"""Walk along the self-motion of an arm with joints to spare, and stop where it is clear of obstacles.
 
-The configurations that reach a target form closed curves in joint space. From a point of one of them we walk all
-around it, through obstacles and beyond limits, with steps over which the walk surely stays in collision; so a clear
-stretch is not missed, however thin, and a curve that was walked need not be walked again.
+The configurations of seven joints that reach a target form closed curves in joint space (more joints: all but seven
+are held, at random). From a point of one of them we walk all around it, through obstacles and beyond limits, with
+steps over which the walk surely stays in collision; so a clear stretch is hardly missed, however thin, and a curve
+that was walked need not be walked again.
 """
 
 from __future__ import annotations
@@ -109,13 +110,20 @@ def _tangent(work: Work, tangent: Array) -> bool:
 
 
 @inner
-def _correct(arm: Arm, target: Array, q: Array, work: Work) -> float:
-    """Up to three Newton steps back on the curve; frames, Jacobian and Gram factor are left in `work`."""
+def _correct(arm: Arm, target: Array, held: Array, q: Array, work: Work) -> float:
+    """Up to three Newton steps back on the curve; frames, Jacobian and Gram factor are left in `work`.
+
+    Joints with held (n,) not zero keep their values: their columns are struck out.
+    """
     cost = 1e300
     for _ in range(4):
         forward(arm.frames, q, work.T)
         cost = pose_error(work.T, target, work.e)
         jacobian(arm.frames, work.T, work.J)
+        for k in range(q.shape[0]):
+            if held[k] != 0.0:
+                for r in range(6):
+                    work.J[r, k] = 0.0
         gram(work.J, 1e-9, work.A)
         if not factor6(work.A) or cost < 1e-8:
             break
@@ -171,7 +179,7 @@ def unwind(arm: Arm, q: Array, out: Array) -> None:
 
 @inner
 def accept(
-    arm: Arm, target: Array, world: World, accuracy: float, q: Array, out: Array, work: Work, contacts: Contacts
+    arm: Arm, target: Array, world: World, enough: float, q: Array, out: Array, work: Work, contacts: Contacts
 ) -> float:
     """Polish q (n,) into `out` within the limits; returns its smallest gap less the wanted one, -1e3 without a pose."""
     n = q.shape[0]
@@ -179,7 +187,7 @@ def accept(
     for k in range(n):
         work.step[k] = 0.0
     move(out, work.step, 0.0, arm.bounds, out)
-    if polish(arm, target, 12, accuracy, out, work) > accuracy * accuracy:
+    if polish(arm, target, 1e-3 * enough, out, work) > enough * enough:
         return -1e3
     forward(arm.frames, out, work.T)
     return collect(world, work.T, world.required, world.required, contacts) - world.required
@@ -187,23 +195,20 @@ def accept(
 
 @inner
 def walk(
-    arm: Arm, target: Array, world: World, accuracy: float, skip: float, q: Array, out: Array,
+    arm: Arm, target: Array, world: World, enough: float, skip: float, held: Array, q: Array, out: Array,
     walked: Walked, work: Work, contacts: Contacts, twist: Array,
 ) -> float:  # fmt: skip
     """Walk around the curve through q (n,), which is moved; returns the arc at which `out` (n,) is clear, or -1.
 
-    Nothing is accepted before the arc `skip`, so that a walk can go on past a configuration that was refused.
+    Joints with held (n,) not zero stand still. Nothing is accepted before the arc `skip`, so that a walk can go on past
+    a configuration that was refused.
     """
     n = q.shape[0]
     start, tangent, hint = q.copy(), np.zeros(n), np.full(2, -1.0)
-    forward(arm.frames, q, work.T)
-    jacobian(arm.frames, work.T, work.J)
-    gram(work.J, 1e-9, work.A)
-    if not factor6(work.A):
-        return -1.0
     for k in range(n):
-        tangent[k] = 1.0 / (1.0 + k)
-    _tangent(work, tangent)
+        tangent[k] = 0.0 if held[k] != 0.0 else 1.0 / (1.0 + k)
+    if _correct(arm, target, held, q, work) > 1e-4 or not _tangent(work, tangent):
+        return -1.0
     arc, sign = 0.0, 1.0
     first_tangent = tangent.copy()
     for _step in range(MOST_STEPS):
@@ -211,7 +216,7 @@ def walk(
         if stretch < LONGEST / CAUTION:
             _twist(arm, work.T, tangent, twist)
             stretch = max(stretch, idle_stretch(world, work.T, twist, SPARE, hint))
-        if stretch <= 0.0 and arc >= skip and accept(arm, target, world, accuracy, q, out, work, contacts) >= 0.0:
+        if stretch <= 0.0 and arc >= skip and accept(arm, target, world, enough, q, out, work, contacts) >= 0.0:
             return arc
         step = min(max(CAUTION * stretch, SHORTEST), LONGEST)
         if arc < skip:
@@ -219,13 +224,13 @@ def walk(
         remember(walked, q, tangent, step)
         for k in range(n):
             q[k] += step * tangent[k]
-        if _correct(arm, target, q, work) > 1e-4 or not _tangent(work, tangent):
+        if _correct(arm, target, held, q, work) > 1e-4 or not _tangent(work, tangent):
             if sign < 0:
                 break
             sign = -1.0
             for k in range(n):
                 q[k], tangent[k] = start[k], -first_tangent[k]
-            _correct(arm, target, q, work)
+            _correct(arm, target, held, q, work)
             continue
         arc += step
         if arc > MOST_ARC:

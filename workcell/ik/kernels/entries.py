@@ -1,0 +1,44 @@
+"""What solvers call: every compiled entry point, and the structures and constants that go with them."""
+
+from workcell.ik.kernels.constrained import refine
+from workcell.ik.kernels.free import descend_batch, polish_batch, solve_targets
+from workcell.ik.kernels.options import Arm, World
+from workcell.ik.kernels.search import (
+    ARC,
+    BEST,
+    CURVES,
+    EXHAUSTED,
+    FOUND,
+    MISSES,
+    POSES,
+    REPEATS,
+    RESTARTS,
+    SLID,
+    SPENT,
+    Memory,
+    search,
+)
+from workcell.ik.kernels.trace import MEMORY
+
+__all__ = [
+    "ARC",
+    "BEST",
+    "CURVES",
+    "EXHAUSTED",
+    "FOUND",
+    "MEMORY",
+    "MISSES",
+    "POSES",
+    "REPEATS",
+    "RESTARTS",
+    "SLID",
+    "SPENT",
+    "Arm",
+    "Memory",
+    "World",
+    "descend_batch",
+    "polish_batch",
+    "refine",
+    "search",
+    "solve_targets",
+]

@@ -35,7 +35,7 @@ from workcell.pose import Array
 
 MAX_POLISH = 1e-2
 """Radians by which polish may move a joint for the answer to count as the convex method's own."""
-LOCAL_STEPS = 40
+LOCAL_STEPS = 12
 """Levenberg-Marquardt steps from the angles of an iterate (`ikspark+lm`)."""
 CUBOIDS_AFTER = 8
 """Restarts with half-spaces before free-space cuboids, where the problem has some, take turns with them."""
@@ -70,7 +70,7 @@ class Search:
     def __init__(self, problem: IKProblem, deadline: float, seed: int, *, local: bool) -> None:
         self.problem, self.deadline, self.local = problem, deadline, local
         self.rng = np.random.default_rng(seed)
-        self.verify = Verifier(problem)
+        self._verifier: Verifier | None = None
         self.rejected: list[str] = []
         self.stats = dict.fromkeys(("sdps", "restarts", "rank_one", "rank_gap", "moved"), 0.0)
         self.error: str | None = None
@@ -198,7 +198,9 @@ class Search:
     def _accept(self, polished: Polished) -> Array | None:
         if not polished.reaches(self.problem):
             return None
-        judged = self.verify(polished.q)
+        if self._verifier is None:
+            self._verifier = Verifier(self.problem)
+        judged = self._verifier(polished.q)
         if not judged.accepted:
             self.note(judged.reasons[0])
             return None

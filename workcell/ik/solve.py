@@ -50,9 +50,9 @@ AUTO = "auto"
 
 _PORTFOLIO: tuple[tuple[str, Solver, float], ...] = (
     ("elementary", _elementary, 0.0),
-    ("multistart", solve_multistart, 0.05),
-    ("ikspark", _ikspark, 0.1),
-    ("multistart", solve_multistart, 0.75),
+    ("multistart", solve_multistart, 0.1),
+    ("ikspark", _ikspark, 0.15),
+    ("multistart", solve_multistart, 0.9),
     ("ikspark", _ikspark, 1.0),
 )
 """Stages of `auto`: name, solver, and the share of the CPU budget at whose end the stage must stop. Most

@@ -4,7 +4,7 @@ Everything is planned before anything moves: a verified grasp configuration, a c
 one out of it with the mug in the hand. Then the plan is executed in MuJoCo, and judged there.
 """
 
-from workcell import FollowLimits, Job, PlanningWorld, line, retime
+from workcell import FollowLimits, Job, PlanningWorld, line
 
 LIMITS = FollowLimits(max_step=0.2, clearance=0.002)  # radians between waypoints, metres to keep everywhere
 
@@ -24,13 +24,13 @@ def run(job: Job) -> None:
         reach = job.reach(shelf, arm.start, line(approach, grasp), LIMITS, "way into the shelf")
 
         # From here on the mug is part of the robot; until it is lifted it may touch what it stands on.
-        carried = (mug, grasp.inverse() @ scene.object_pose(mug))
-        standing = shelf.holding(*carried, supports=task["supports"], towards=[reach.end])
-        up = job.follow(standing, line(grasp, lift, 0.01), reach.end, LIMITS, "way off the board")
-        hanging = shelf.holding(*carried, towards=[up.end])
-        out = job.follow(hanging, line(lift, retreat), up.end, LIMITS, "way out with the mug")
+        carrying = shelf.holding(mug, grasp.inverse() @ scene.object_pose(mug), towards=[reach.end])
+        lifting = carrying.standing_on(task["supports"])
+        up = job.follow(lifting, line(grasp, lift, 0.01), reach.end, LIMITS, "way off the board")
+        out = job.follow(carrying, line(lift, retreat), up.end, LIMITS, "way out with the mug")
         job.log_plan(reach + up + out)
-        reach_motion, carry_motion = retime(reach, tool_speed=speed), retime(up + out, tool_speed=speed)
+        reach_motion = job.retime(shelf, reach, speed, "motion into the shelf")
+        carry_motion = job.retime(lifting, up + out, speed, "motion out of the shelf")
 
     with job.phase("execution"):
         simulation = job.simulation()

@@ -16,9 +16,12 @@ from workcell.ik.result import IKResult, Status
 from workcell.ik.solve import solve
 from workcell.model.data import find_task
 from workcell.model.scene import Scene
+from workcell.motion.dynamics import ChainDynamics
 from workcell.motion.follow import FollowLimits, follow, path_metrics, step_solver
-from workcell.motion.path import Path
+from workcell.motion.path import Path, Trajectory
+from workcell.motion.proof import trajectory_clearance
 from workcell.motion.reach import reach
+from workcell.motion.retime import retime
 from workcell.motion.world import PlanningWorld
 from workcell.pose import Array, Pose
 from workcell.record.recording import Recording
@@ -123,6 +126,24 @@ class Job:
             f"proved at least {1e3 * metrics.clearance_between:.0f} mm clear all along"
         )
 
+    def retime(self, world: PlanningWorld, path: Path, tool_speed: float, what: str) -> Trajectory:
+        """A timed motion along a path: its own clearance proved, its torques within the joints' limits."""
+        trajectory = retime(path, tool_speed=tool_speed)
+        proof = trajectory_clearance(world.robot.robot, trajectory, world.clearance, world.cover)
+        if not proof.proved:
+            self.fail("COLLISION", f"{what}: the timed motion is not clear: {proof.reason}")
+        use = ChainDynamics(self.scene, world.robot.name, world.attached).use(trajectory)
+        if not use.kept:
+            share = float(use.share.max())
+            self.fail(
+                "TORQUE",
+                f"{what}: joint {use.joint} would need {share:.0%} of its effort limit. Move slower.",
+            )
+        self.say(
+            f"{what}: {trajectory.duration:.2f} s, proved clear, at most {use.share.max():.0%} of {use.joint}'s effort limit"
+        )
+        return trajectory
+
     def log_world(self, world: PlanningWorld) -> None:
         """Sphere cover and free space into the recording, their numbers into the story."""
         self.recording.log_cover(world.robot, world.cover, self.scene.initial_qpos())
@@ -142,12 +163,10 @@ class Job:
         return Simulation(self.scene, on_chunk=self._log_chunk)
 
     def _log_chunk(self, chunk: Execution) -> None:
-        metrics = {"clearance": chunk.clearance, "tracking_error": chunk.tracking_error_m}
+        self.recording.log_execution(chunk)
         if len(chunk):
-            self.recording.log_states(chunk.time, chunk.qpos, metrics)
             self.sim_time = float(chunk.time[-1])
         for event in chunk.events:
-            self.recording.event(event.time, event.text, event.level)
             self.tell(f"[{time.perf_counter() - self.began:6.2f} s] at {event.time:5.2f} s: {event.text}")
 
     def judge(self, simulation: Simulation, conditions: Mapping[str, bool]) -> None:

@@ -27,7 +27,9 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print_json(result.summary)
     else:
-        rows = [(key, value) for key, value in result.summary.items() if key != "sentence"]
+        conditions = result.summary.get("conditions", {})
+        rows = [(key, value) for key, value in result.summary.items() if key not in ("sentence", "conditions")]
+        rows += [(name, "yes" if holds else "NO") for name, holds in conditions.items()]
         print_table(f"{result.summary['task']}: {result.sentence}", ["", "value"], rows)
         print(f"recording {result.recording}")
         print(f"summary   {result.summary_path}")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from workcell.errors import UnknownNameError
+from workcell.errors import InputError, UnknownNameError
 from workcell.geometry.cuboids import biased_seeds, inflate_cuboids, outermost
 from workcell.geometry.pieces import scene_obstacles
 from workcell.geometry.spheres import attached_cover, merge_covers, robot_cover
@@ -30,6 +30,7 @@ class PlanningWorld:
         obstacles: convex pieces of everything else, in the world frame.
         free_space: cuboids proved disjoint from every obstacle.
         collision: the compiled model's distances, which alone decide.
+        attached: (object, T_tool_object) that the hand carries, or None.
         overshoot: of the covers, metres.
         seed: of the free space's seeds.
     """
@@ -40,6 +41,7 @@ class PlanningWorld:
     obstacles: tuple[Piece, ...]
     free_space: FreeSpace
     collision: CollisionModel
+    attached: tuple[str, Pose] | None = None
     overshoot: float = 0.02
     seed: int = 0
 
@@ -81,33 +83,38 @@ class PlanningWorld:
         )
         return world.with_free_space_around([actor.start, *towards])
 
-    def holding(
-        self, thing: str, T_tool_object: Pose, *, supports: Iterable[str] = (), towards: Iterable[Array] = ()
-    ) -> PlanningWorld:
+    def holding(self, thing: str, T_tool_object: Pose, *, towards: Iterable[Array] = ()) -> PlanningWorld:
         """The world once the hand holds an object: it is part of the robot, its spheres move with the hand.
 
         Args:
             thing: the object's name.
             T_tool_object: how it stands in the tool's frame.
-            supports: geoms on which it still stands: it may touch them.
             towards: configurations (n,) that the free space should hold.
         """
-        standing = tuple(supports)
-        everything = scene_obstacles(self.scene, self.robot.name, exclude_objects=(thing,))
         carried = attached_cover(self.scene, self.robot, thing, T_tool_object, overshoot=self.overshoot)
         world = replace(
             self,
             cover=merge_covers(self.cover, carried),
-            obstacles=tuple(piece for piece in everything if piece.name not in standing),
+            obstacles=scene_obstacles(self.scene, self.robot.name, exclude_objects=(thing,)),
             free_space=FreeSpace(np.zeros((0, 3)), np.zeros((0, 3))),
-            collision=CollisionModel(
-                self.scene,
-                self.robot.name,
-                attached=(thing, T_tool_object),
-                allowed_geoms=_geom_pairs(self.scene, thing, standing),
-            ),
+            attached=(thing, T_tool_object),
+            collision=CollisionModel(self.scene, self.robot.name, attached=(thing, T_tool_object)),
         )
         return world.with_free_space_around(towards)
+
+    def standing_on(self, supports: Iterable[str]) -> PlanningWorld:
+        """The same world while the carried object still stands on `supports` (geoms), which it may touch."""
+        if self.attached is None:
+            raise InputError("the hand holds nothing", where="supports", remedy="call holding first")
+        standing = tuple(supports)
+        pairs = _geom_pairs(self.scene, self.attached[0], standing)
+        return replace(
+            self,
+            obstacles=tuple(piece for piece in self.obstacles if piece.name not in standing),
+            collision=CollisionModel(
+                self.scene, self.robot.name, attached=self.attached, allowed_geoms=pairs
+            ),
+        )
 
     def problem(self, target: Pose, *, q_reference: Array | None = None, margin: float = 0.0) -> IKProblem:
         """The question: bring the tool to `target`, at least `margin` metres clear of everything."""

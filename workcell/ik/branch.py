@@ -97,7 +97,7 @@ class _Search:
         tree.stack[0] = root
         tree.counts[0], tree.counts[6] = 1, -1
         tolerances = self.problem.tolerances
-        reached = np.array([0.5 * tolerances.position, 0.5 * tolerances.rotation])
+        reached = np.array([0.9999 * tolerances.position, 0.9999 * tolerances.rotation])
         while True:
             outcome = search.run(chain, world, root, state, sweep, tree, reached, _CHUNK)
             if outcome == search.FOUND:

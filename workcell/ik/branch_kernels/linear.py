@@ -9,13 +9,16 @@ square d_j^2 lies in [0, h_j^2], so half of it moves the right side), third orde
 rotations only the skew part counts, where squares cancel when D is the identity. Elimination with full pivoting, in
 units of the box and of the remainders, leaves the joints that can't be told apart (one for seven joints) on the right:
 every other joint follows them like a tube.
+
+The tolerance ball enters exactly to first order: a shift e and a small turn w about the target's point c move p_target
+by e + w x (p_target - c) and the rotation by w, so a row with weights (u, v) sees |u| |e| + |v + (p_target - c) x u| |w|.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from workcell.ik.branch_kernels.motion import ball_radius
+from workcell.ik.branch_kernels.motion import distance_to_line
 from workcell.ik.branch_kernels.state import SLACK, Chain, State, kernel, tighten
 from workcell.pose import Array
 
@@ -28,8 +31,8 @@ def contract_linear(chain: Chain, state: State) -> bool:
     """Contract every joint by the linearised closure; False if the box holds no solution.
 
     Where it could be applied `state.tangent[0, 0]` is 1, and row 1 + k (k from 0) says how real joint k follows:
-    departure = tangent[k+1, 1] + tangent[k+1, 2] * (departure of joint tangent[0, 1]) + sum_r tangent[k+1, 3+r] e_r,
-    |e_r| <= tangent[0, 3 + r].
+    departure = tangent[k+1, 1] + tangent[k+1, 2] * (departure of joint tangent[0, 1]) + tangent[k+1, 3:9] . noise,
+    the noise as bounded by `spread` with the remainders tangent[0, 3:9] and the lever tangent[0, 9:12].
     """
     state.tangent[0, 0] = 0.0
     joints = state.lower.shape[0]
@@ -48,8 +51,21 @@ def contract_linear(chain: Chain, state: State) -> bool:
     if not _assemble(chain, state, middle, half, rows, radius):
         return True
     pivots = np.full(6, -1)
-    eliminate(rows, radius, half, pivots)
-    return _apply(state, rows, radius, half, pivots)
+    eliminate(rows, radius, chain.ball, state.tangent[0, 9:12], half, pivots)
+    return _apply(chain, state, rows, radius, half, pivots)
+
+
+@kernel
+def spread(weights: Array, radius: Array, lever: Array, ball: Array) -> float:
+    """Largest value of weights (6,) . noise: remainders within `radius` (6,), the tolerance ball on `lever` (3,)."""
+    u, v, w = weights[0], weights[1], weights[2]
+    total = SLACK
+    for k in range(6):
+        total += abs(weights[k]) * (radius[k] + SLACK)
+    a = weights[3] + lever[1] * w - lever[2] * v
+    b = weights[4] + lever[2] * u - lever[0] * w
+    c = weights[5] + lever[0] * v - lever[1] * u
+    return total + ball[0] * np.sqrt(u * u + v * v + w * w) + ball[1] * np.sqrt(a * a + b * b + c * c)  # type: ignore[no-any-return]
 
 
 @kernel
@@ -74,12 +90,21 @@ def _assemble(chain: Chain, state: State, middle: int, half: Array, rows: Array,
     for a in range(3):
         rows[a, n + 6] = t[a] - p[a]
         rows[3 + a, n + 6] = skew[a]
-        radius[a] = ball_radius(t[0], t[1], t[2], chain.ball) + SLACK
-        radius[3 + a] = chain.ball[1] + SLACK
+        state.tangent[0, 9 + a] = t[a] - chain.ball[2 + a]
         rows[a, n + a] = 1.0
         rows[3 + a, n + 3 + a] = 1.0
     _near_side(state.lines[0], p, middle, half, rows, radius)
     _far_side(state.lines[1], t, middle, half, D, trace, skew, rows, radius)
+    # The ball turns what the far joints have moved: second order in its rotation, or a product with their motion.
+    lever = state.tangent[0, 9:12]
+    length = np.sqrt(lever[0] ** 2 + lever[1] ** 2 + lever[2] ** 2)
+    turned, moved = np.sqrt(max(3.0 - trace, 0.0)), 0.0
+    for back in range(1, n + 1 - middle):
+        turned += half[n - back]
+        moved += half[n - back] * distance_to_line(t[0], t[1], t[2], state.lines[1, back])
+    for a in range(3):
+        radius[a] += chain.ball[1] * (moved + chain.ball[1] * length)
+        radius[3 + a] += chain.ball[1] * (2.0 * turned + chain.ball[1])
     return True
 
 
@@ -175,7 +200,7 @@ def _cross(z: Array, x: float, y: float, w: float, out: Array) -> None:
 
 
 @kernel
-def eliminate(rows: Array, radius: Array, half: Array, pivots: Array) -> None:
+def eliminate(rows: Array, radius: Array, ball: Array, lever: Array, half: Array, pivots: Array) -> None:
     """Gauss-Jordan with full pivoting on rows = [J | P | rhs]; pivots[r] is the joint solved for in row r, or -1.
 
     Joints count in half widths, rows in their radius: a joint that its row can't tell from zero is left alone.
@@ -186,9 +211,7 @@ def eliminate(rows: Array, radius: Array, half: Array, pivots: Array) -> None:
         best, row, column = 0.05, -1, -1
         for r in range(6):
             if pivots[r] < 0:
-                noise = 0.0
-                for k in range(6):
-                    noise += abs(rows[r, n + k]) * radius[k]
+                noise = spread(rows[r, n : n + 6], radius, lever, ball)
                 for j in range(n):
                     if taken[j] == 0.0 and abs(rows[r, j]) * half[j] > best * noise and abs(rows[r, j]) > 1e-6:
                         best, row, column = abs(rows[r, j]) * half[j] / noise, r, j
@@ -208,7 +231,7 @@ def eliminate(rows: Array, radius: Array, half: Array, pivots: Array) -> None:
 
 
 @kernel
-def _apply(state: State, rows: Array, radius: Array, half: Array, pivots: Array) -> bool:
+def _apply(chain: Chain, state: State, rows: Array, radius: Array, half: Array, pivots: Array) -> bool:
     """Contract by every row: any joint in it lies where the others and the remainder allow."""
     n = half.shape[0]
     free = -1
@@ -221,9 +244,7 @@ def _apply(state: State, rows: Array, radius: Array, half: Array, pivots: Array)
             free = j
             count += 1
     for r in range(6):
-        noise = SLACK
-        for k in range(6):
-            noise += abs(rows[r, n + k]) * (radius[k] + SLACK)
+        noise = spread(rows[r, n : n + 6], radius, state.tangent[0, 9:12], chain.ball)
         low, high = rows[r, n + 6] - noise, rows[r, n + 6] + noise
         for j in range(n):
             first = rows[r, j] * (state.lower[j + 1] - state.centre[j + 1])

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from workcell.ik.branch_kernels.linear import spread
 from workcell.ik.branch_kernels.motion import ball_radius, distance_to_line
 from workcell.ik.branch_kernels.state import SLACK, Chain, State, kernel
 from workcell.ik.branch_kernels.world import BOX, World, signed_distance, to_local
@@ -24,7 +25,8 @@ class Sweep(NamedTuple):
     Attributes:
         ball: (4,) point and radius.
         ends: (2, 3) ends of the segment.
-        noise: (6, 3) shifts that come on top, each times a number in [-1, 1].
+        noise: (6 + N, 3) shifts on top: six times the linear step's noise (see `linear.spread`), then one for each
+            joint, times a number in [-1, 1].
         rest: (3,) radius of what remains; from which end of the chain; 1 once the segment has been computed.
     """
 
@@ -88,10 +90,11 @@ def blocked_bound(chain: Chain, state: State, world: World, s: int, o: int, swee
     if sweep.rest[2] == 0.0:
         _bound_segment(chain, state, world.spheres[s], sweep)
     if world.obstacles[o, 0] == BOX:
-        return min(bound, _box_bound(world.obstacles[o], sweep) - radius) + SLACK
-    rest = sweep.rest[0]
-    for k in range(sweep.noise.shape[0]):
-        rest += np.sqrt(sweep.noise[k, 0] ** 2 + sweep.noise[k, 1] ** 2 + sweep.noise[k, 2] ** 2)
+        return min(bound, _box_bound(chain, state, world.obstacles[o], sweep) - radius) + SLACK
+    squares = 0.0
+    for a in range(3):
+        squares += _extent(chain, state, sweep, 1.0 if a == 0 else 0.0, 1.0 if a == 1 else 0.0, 1.0 if a == 2 else 0.0) ** 2
+    rest = np.sqrt(squares)
     worst = -np.inf
     for e in range(2):
         end = sweep.ends[e]
@@ -100,17 +103,14 @@ def blocked_bound(chain: Chain, state: State, world: World, s: int, o: int, swee
 
 
 @kernel
-def _box_bound(row: Array, sweep: Sweep) -> float:
+def _box_bound(chain: Chain, state: State, row: Array, sweep: Sweep) -> float:
     """Largest signed distance to a box over the sweep, the extents along its axes taken one by one."""
     ax, ay, az = to_local(row, sweep.ends[0, 0], sweep.ends[0, 1], sweep.ends[0, 2])
     bx, by, bz = to_local(row, sweep.ends[1, 0], sweep.ends[1, 1], sweep.ends[1, 2])
     cx, cy, cz = to_local(row, sweep.ball[0], sweep.ball[1], sweep.ball[2])
     squares, inside = 0.0, -np.inf
     for axis in range(3):
-        u, v, w = row[1 + axis], row[4 + axis], row[7 + axis]
-        extent = sweep.rest[0]
-        for k in range(sweep.noise.shape[0]):
-            extent += abs(u * sweep.noise[k, 0] + v * sweep.noise[k, 1] + w * sweep.noise[k, 2])
+        extent = _extent(chain, state, sweep, row[1 + axis], row[4 + axis], row[7 + axis])
         first, second, middle = (ax, bx, cx) if axis == 0 else ((ay, by, cy) if axis == 1 else (az, bz, cz))
         reach = min(max(abs(first), abs(second)) + extent, abs(middle) + sweep.ball[3])
         over = reach - row[13 + axis]
@@ -118,6 +118,22 @@ def _box_bound(row: Array, sweep: Sweep) -> float:
         if over > 0.0:
             squares += over * over
     return np.sqrt(squares) if squares > 0.0 else inside
+
+
+@kernel
+def _extent(chain: Chain, state: State, sweep: Sweep, u: float, v: float, w: float) -> float:
+    """How far the noise and the remainder reach along a unit direction."""
+    weights = np.empty(6)
+    extent = sweep.rest[0]
+    for k in range(sweep.noise.shape[0]):
+        along = u * sweep.noise[k, 0] + v * sweep.noise[k, 1] + w * sweep.noise[k, 2]
+        if k < 6:
+            weights[k] = along
+        else:
+            extent += abs(along)
+    if state.tangent[0, 0] > 0.0:
+        extent += spread(weights, state.tangent[0, 3:9], state.tangent[0, 9:12], chain.ball)
+    return extent
 
 
 @kernel
@@ -177,7 +193,7 @@ def _bound_segment(chain: Chain, state: State, sphere: Array, sweep: Sweep) -> N
             _add(shift, row[1], mx, my, mz)
             _add(slope, row[2], mx, my, mz)
             for r in range(6):
-                _add(noise[r], row[3 + r] * tangent[0, 3 + r], mx, my, mz)
+                _add(noise[r], row[3 + r], mx, my, mz)
         else:
             _add(shift, 0.5 * (low + high), mx, my, mz)
             _add(noise[6 + j], 0.5 * (high - low), mx, my, mz)

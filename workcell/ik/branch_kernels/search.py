@@ -27,6 +27,9 @@ OUTER_WEIGHT = 20.0
 SMALLEST = 1e-7
 """Width in radians of all joints at which a box is given up."""
 
+_PATIENCE = 16
+"""Boxes after which a local search starts wherever the search stands."""
+
 
 class Tree(NamedTuple):
     """The search's memory.
@@ -123,14 +126,30 @@ def run(
         else:
             _push(state, tree, node, joint, value)
         counts[7] += 1
-        if state.tangent[0, 0] > 0.0 or counts[7] >= 16:
-            counts[5] += 1
-            counts[7] = 0
-            for k in range(root.shape[1]):
-                tree.found[k] = 0.5 * (state.lower[k] + state.upper[k])
+        if counts[7] >= _PATIENCE or (state.tangent[0, 0] > 0.0 and counts[7] >= 2):
+            _pick_start(state, tree)
             if search_from(chain, world, root[0], root[1], tree.found, tolerance, 12):
                 return FOUND
     return PAUSED
+
+
+@kernel
+def _pick_start(state: State, tree: Tree) -> None:
+    """Where the next local search begins: the box's centre and, in turn, a random place in a box still to come."""
+    counts = tree.counts
+    counts[5] += 1
+    counts[7] = 0
+    if counts[5] % 2 == 1 or counts[0] == 0:
+        for k in range(state.lower.shape[0]):
+            tree.found[k] = 0.5 * (state.lower[k] + state.upper[k])
+        return
+    waiting = counts[5] // 2 % counts[0]
+    for k in range(state.lower.shape[0]):
+        # Kronecker's sequence: a different irrational for every joint.
+        share = counts[5] * np.sqrt(k + 0.7)
+        share -= np.floor(share)
+        lower, upper = tree.stack[waiting, 0, k], tree.stack[waiting, 1, k]
+        tree.found[k] = lower + share * (upper - lower)
 
 
 @kernel

@@ -54,7 +54,7 @@ class State(NamedTuple):
         sweep: (2, N) per view the chord 2 sin(h / 2) of the largest departure h from `centre`.
         frames: (2, N, 12) link frames at `centre` in joint order, from the base and from the target.
         lines: (2, N, 9) per view the axis' direction, its point nearest the previous axis, and nearest the next.
-        map: (n + 1, ...) the linear step's result, see `linear`.
+        tangent: (n + 1, 12) the linear step's result, see `linear.contract_linear`.
     """
 
     lower: Array
@@ -76,7 +76,7 @@ def new_state(joints: int) -> State:
         np.zeros((2, joints)),
         np.zeros((2, joints, 12)),
         np.zeros((2, joints, 9)),
-        np.zeros((joints + 1, 9)),
+        np.zeros((joints - 1, 12)),
     )
 
 

@@ -35,7 +35,8 @@ from workcell.pose import Array
 
 MAX_POLISH = 1e-2
 """Radians by which polish may move a joint for the answer to count as the convex method's own."""
-LOCAL_STEPS = 12
+LOCAL_STEPS = 15
+LOCAL_DAMPING = 1e-2
 """Levenberg-Marquardt steps from the angles of an iterate (`ikspark+lm`)."""
 CUBOIDS_AFTER = 8
 """Restarts with half-spaces before free-space cuboids, where the problem has some, take turns with them."""
@@ -147,7 +148,9 @@ class Search:
             if iterate.x is None:
                 break
             if self.local and not iterate.rank_one:
-                q = self._accept(polish(self.problem, self._angles(iterate.x), steps=LOCAL_STEPS))
+                q = self._accept(
+                    polish(self.problem, self._angles(iterate.x), steps=LOCAL_STEPS, damping=LOCAL_DAMPING)
+                )
                 if q is not None:
                     return q
             if iterate.rank_one:

@@ -29,43 +29,66 @@ class Polished(NamedTuple):
         return self.position_error <= allowed.position and self.rotation_error <= allowed.rotation
 
 
-def polish(problem: IKProblem, q: Array, *, steps: int = 10) -> Polished:
+def polish(problem: IKProblem, q: Array, *, steps: int = 10, damping: float = 1e-9) -> Polished:
     """Levenberg-Marquardt from `q` (n,), clipped into limits and `max_step`; returns the best point seen.
 
-    From a rank-1 point two steps suffice; as a local search (`ikspark+lm`) give it more. `moved` is measured from
-    `q` as given (radians, the largest of the joints).
+    From a rank-1 point two steps without damping suffice; as a local search (`ikspark+lm`) give it more of both.
+    `moved` is measured from `q` as given (radians, the largest of the joints).
     """
     interval = Interval.of(problem)
     lower, upper = interval.lower, np.maximum(interval.lower, interval.upper)
-    tool, robot = problem.robot.tool(), problem.robot
-    target, R_target = problem.target.position, problem.target.rotation
+    chain = _Chain(problem)
     start = np.asarray(q, dtype=float)
-
-    def evaluate(at: Array) -> tuple[Array, Array, Array]:
-        T = robot.link_transforms(at)
-        tip = T[tool.link] @ tool.T_link_tool.matrix
-        e = np.concatenate([(target - tip[:3, 3]) / _LENGTH, rotation_vector(R_target @ tip[:3, :3].T)])
-        return T, tip[:3, 3], e
-
     now = np.clip(start, lower, upper)
-    T, tip, e = evaluate(now)
-    damping = 1e-9
+    e, J = chain.error(now)
     for _ in range(steps):
         cost = float(e @ e)
         if cost < _CONVERGED**2 or damping > 1e3:
             break
-        J = robot.point_jacobian(T, tool.link, tip)
-        J[:3] /= _LENGTH
-        step = _free_step(J, e, damping * (1.0 + cost), now, lower, upper)
-        trial = np.clip(now + step, lower, upper)
-        T_trial, tip_trial, e_trial = evaluate(trial)
+        trial = np.clip(now + _free_step(J, e, damping * (1.0 + cost), now, lower, upper), lower, upper)
+        e_trial, J_trial = chain.error(trial)
         if float(e_trial @ e_trial) < cost:
-            now, T, tip, e = trial, T_trial, tip_trial, e_trial
+            now, e, J = trial, e_trial, J_trial
             damping = max(0.1 * damping, 1e-12)
         else:
             damping = max(10.0 * damping, 1e-4)
     moved = float(np.abs(now - start).max())
     return Polished(now, float(np.linalg.norm(e[:3])) * _LENGTH, float(np.linalg.norm(e[3:])), moved)
+
+
+class _Chain:
+    """Pose error and Jacobian of one problem's chain, seen from the base."""
+
+    def __init__(self, problem: IKProblem) -> None:
+        robot, target = problem.robot, problem.T_base_tool
+        tool = robot.tool().T_link_tool
+        self._position, self._rotation = target.position, target.rotation
+        self._tool_position, self._tool_rotation = tool.position, tool.rotation
+        self._xyz, self._axis = robot.joint_xyz, robot.axis
+        a = robot.axis
+        K = np.zeros((robot.dof, 3, 3))
+        K[:, 0, 1], K[:, 0, 2], K[:, 1, 2] = -a[:, 2], a[:, 1], -a[:, 0]
+        K -= np.swapaxes(K, 1, 2)
+        self._parts = (robot.joint_rotation, robot.joint_rotation @ K, robot.joint_rotation @ K @ K)
+
+    def error(self, q: Array) -> tuple[Array, Array]:
+        """(6,) position over `_LENGTH` and rotation vector from the tool to its target, and the Jacobian (6, n)."""
+        still, sine, cosine = self._parts
+        joints = still + np.sin(q)[:, None, None] * sine + (1.0 - np.cos(q))[:, None, None] * cosine
+        n = len(q)
+        R, p = np.eye(3), np.zeros(3)
+        axes, origins = np.empty((n, 3)), np.empty((n, 3))
+        for k in range(n):
+            p = p + R @ self._xyz[k]
+            R = R @ joints[k]
+            origins[k], axes[k] = p, R @ self._axis[k]
+        tip = p + R @ self._tool_position
+        e, J = np.empty(6), np.empty((6, n))
+        e[:3] = (self._position - tip) / _LENGTH
+        e[3:] = rotation_vector(self._rotation @ (R @ self._tool_rotation).T)
+        J[:3] = np.cross(axes, tip - origins).T / _LENGTH
+        J[3:] = axes.T
+        return e, J
 
 
 def _free_step(J: Array, e: Array, damping: float, q: Array, lower: Array, upper: Array) -> Array:

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from workcell.bench.runner import cpu_figures, problem_seed
+from workcell.bench.reports import cpu_figures
+from workcell.bench.runner import problem_seed
 from workcell.bench.tables import Bench, Row, row_of
 from workcell.ik.instance import instance_of, relaxation_of
 from workcell.ik.lift import goal_vector

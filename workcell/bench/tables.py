@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from workcell.bench.problems import ProblemSet
-from workcell.bench.runner import cpu_figures, problem_seed
+from workcell.bench.reports import cpu_figures
+from workcell.bench.runner import problem_seed
 from workcell.errors import InputError, UnknownNameError
 from workcell.ik.problem import Budget
 from workcell.ik.result import IKResult, Status

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from workcell.errors import InputError
 from workcell.geometry.types import Piece
+from workcell.ik.branch_check import seal, statement
 from workcell.ik.certificate import Certificate, Scope, problem_hash
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import Candidate
@@ -132,27 +133,24 @@ class _Search:
     def _certificate(self, tree: Any) -> Certificate:
         nodes = tree.nodes[: tree.counts[1]]
         blocked = nodes[:, 0] == -2
-        problem, allowed = self.problem, self.problem.tolerances
-        clearance = allowed.safety_margin
+        problem = self.problem
+        clearance = problem.tolerances.safety_margin
         if np.any(blocked):
             clearance = max(clearance, float(nodes[blocked, 3].max()))
-        scope = certificate_scope(problem, bool(np.any(blocked)))
-        ball = inflation(problem)
-        about = f" with a clearance of {clearance:.6g} m or more" if np.any(blocked) else ""
         data = {
             "tree": nodes[:, 0],
             "splits": nodes[nodes[:, 0] >= 0, 1],
             "blocked": np.stack([self.arrays.sphere_order[nodes[blocked, 1].astype(int)], nodes[blocked, 2]]),
             "root": self.arrays.root[:, 1:-1],
-            "inflation": np.array(ball),
+            "inflation": np.array(inflation(problem)),
             "clearance": np.array([clearance]),
         }
+        data["seal"] = seal(data)
         return Certificate(
             kind="branch",
-            scope=scope,
-            statement=f"No configuration{about} brings the tool within {ball[0]:g} m and {ball[1]:g} rad of its target: "
-            f"{np.count_nonzero(nodes[:, 0] < 0)} boxes of joint angles cover all and each is excluded.",
-            margin=ball[0],
+            scope=certificate_scope(problem, bool(np.any(blocked))),
+            statement=statement(data),
+            margin=float(data["inflation"][0]),
             problem_hash=problem_hash(problem),
             data=data,
         )

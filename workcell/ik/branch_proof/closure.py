@@ -1,0 +1,216 @@
+"""What the closure of the chain says about a box of joint angles: bands for single joints between any two lines.
+
+Everything is in the base's frame. The pose of link k is T_k times its pose in the zero configuration, T_k the product of
+the exponentials of joints 1 to k; a solution has T_n = G, the motion that takes the tool from its zero pose to the
+target. So link k can be computed from the base, and from the target backwards. Joints 0 and n + 1 don't turn; they
+carry one line each, fixed to the base and to the tool.
+
+Around the centre of the box, T_k(q) = E_1 ... E_k T_k(centre) with E_j a rotation by q_j - centre_j about axis j as it
+lies at the centre. A point x moves under any product of the E_j by at most sum_j chord_j dist(x, axis_j), chord_j =
+2 sin(h_j / 2), as rotations preserve distances.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from workcell.ik.branch_proof.vectors import (
+    EPS,
+    Vector,
+    band_over,
+    checked,
+    cross,
+    dot,
+    minus,
+    move,
+    norm,
+    plus,
+    screw,
+    turn,
+    vector,
+)
+from workcell.pose import Array
+
+
+class Robot(NamedTuple):
+    """The problem's kinematics.
+
+    Attributes:
+        lines: (N, 9) of every joint in the zero configuration: direction, its point nearest the line before, and after.
+        goal: (12,) the motion G.
+        ball: (5,) tolerances (m, rad) and the target's position.
+        scale: (1,) rounding slack: `EPS` times the largest length, or `EPS`.
+    """
+
+    lines: Array
+    goal: Array
+    ball: Array
+    scale: Array
+
+
+class Box(NamedTuple):
+    """A box and the lines at its centre.
+
+    Attributes:
+        lower, upper, centre, chord: (N,).
+        motions: (2, N, 12) T_k from the base, and from the target.
+        sides: (2, N, 9) lines as seen from the base and from the target.
+        ranges: (4, 2) scratch.
+        follow: (N + 1, 12) how joints follow one another, see `linear`.
+    """
+
+    lower: Array
+    upper: Array
+    centre: Array
+    chord: Array
+    motions: Array
+    sides: Array
+    ranges: Array
+    follow: Array
+
+
+@checked
+def new_box(joints: int) -> Box:
+    """Room for one."""
+    return Box(
+        np.zeros(joints),
+        np.zeros(joints),
+        np.zeros(joints),
+        np.zeros(joints),
+        np.zeros((2, joints, 12)),
+        np.zeros((2, joints, 9)),
+        np.zeros((4, 2)),
+        np.zeros((joints + 1, 12)),
+    )
+
+
+@checked
+def stand_at_centre(robot: Robot, box: Box) -> None:
+    """Compute the motions and lines at the middle of the box."""
+    joints = robot.lines.shape[0]
+    base, target = box.motions[0], box.motions[1]
+    for k in range(joints):
+        box.centre[k] = 0.5 * (box.lower[k] + box.upper[k])
+        update_chord(box, k)
+    base[0, :] = 0.0
+    base[0, 0] = base[0, 4] = base[0, 8] = 1.0
+    for k in range(1, joints):
+        screw(base[k - 1], vector(robot.lines[k], 0), vector(robot.lines[k], 3), box.centre[k], base[k])
+    target[joints - 1, :] = robot.goal
+    for k in range(joints - 1, 0, -1):
+        screw(target[k], vector(robot.lines[k], 0), vector(robot.lines[k], 3), -box.centre[k], target[k - 1])
+    for side in range(2):
+        for k in range(joints):
+            T, line, out = box.motions[side, k], robot.lines[k], box.sides[side, k]
+            out[0], out[1], out[2] = turn(T, vector(line, 0))
+            out[3], out[4], out[5] = move(T, vector(line, 3))
+            out[6], out[7], out[8] = move(T, vector(line, 6))
+
+
+@checked
+def update_chord(box: Box, k: int) -> None:
+    """The chord of joint k's largest departure from the centre."""
+    h = max(box.upper[k] - box.centre[k], box.centre[k] - box.lower[k])
+    box.chord[k] = 2.0 * np.sin(0.5 * min(h, np.pi)) + EPS if h > 0.0 else 0.0
+
+
+@checked
+def narrow(box: Box, k: int, lower: float, upper: float) -> bool:
+    """Keep [lower, upper] of joint k; False if nothing is left."""
+    if lower > upper:
+        return False
+    box.lower[k] = max(box.lower[k], lower - EPS)
+    box.upper[k] = min(box.upper[k], upper + EPS)
+    update_chord(box, k)
+    return box.lower[k] <= box.upper[k]
+
+
+@checked
+def off_axis(x: Vector, line: Array) -> float:
+    """Distance of a point from a line."""
+    return norm(cross(vector(line, 0), minus(x, vector(line, 3))))
+
+
+@checked
+def wander(box: Box, side: int, first: int, last: int, x: Vector) -> float:
+    """How far a point moves under joints first <= k < last, their axes seen from one side."""
+    total = 0.0
+    for k in range(first, last):
+        if box.chord[k] > 0.0:
+            total += box.chord[k] * off_axis(x, box.sides[side, k])
+    return total
+
+
+@checked
+def tilt(box: Box, side: int, first: int, last: int, z: Vector) -> float:
+    """The same for a unit direction."""
+    total = 0.0
+    for k in range(first, last):
+        if box.chord[k] > 0.0:
+            total += box.chord[k] * norm(cross(z, vector(box.sides[side, k], 0)))
+    return total
+
+
+@checked
+def in_ball(robot: Robot, x: Vector) -> float:
+    """How far a point fixed to the target moves within the tolerance ball, there or back."""
+    ball = robot.ball
+    return (ball[0] + ball[1] * norm(minus(x, vector(ball, 2)))) * (1.0 + ball[1])  # type: ignore[no-any-return]
+
+
+@checked
+def advance(
+    box: Box, side: int, first: int, last: int, step: int, z: Vector, x: Vector, extra: float, turned: float
+) -> tuple[float, float]:
+    """Component along z of a point's move under joints first, first + step ... last (outermost first), and z's tilt.
+
+    Of E_1 E_2 x - x the part by joint 2 is E_1 (E_2 x - x), a vector at right angles to E_1 z_2: along z it counts with
+    at most |z x z_2| + (what E_1 tilts z by), and at most fully. x is known to `extra`.
+    """
+    total, k = 0.0, first
+    while (step > 0 and k <= last) or (step < 0 and k >= last):
+        if box.chord[k] > 0.0:
+            sine = norm(cross(z, vector(box.sides[side, k], 0)))
+            total += box.chord[k] * (off_axis(x, box.sides[side, k]) + extra) * min(1.0, sine + turned)
+            turned += box.chord[k] * sine
+        k += step
+    return total, turned
+
+
+@checked
+def wave(u: Vector, v: Vector, z: Vector) -> Vector:
+    """(a, b, c) of u . E(t) v = a + b cos t + c sin t, E(t) the rotation by t about z."""
+    along = dot(u, z) * dot(v, z)
+    return (along, dot(u, v) - along, dot(u, cross(z, v)))
+
+
+@checked
+def between(robot: Robot, box: Box, i: int) -> None:
+    """Ranges over joint i of the invariants between the lines of joints i - 1 and i + 1, by the zero configuration."""
+    m, f, line = robot.lines[i - 1], robot.lines[i + 1], robot.lines[i]
+    eps = robot.scale[0]
+    z, o = vector(line, 0), vector(line, 3)
+    y, x = minus(vector(m, 3), o), minus(vector(f, 6), o)
+    zy, zx = vector(m, 0), vector(f, 0)
+    for kind in range(4):
+        a, b, c = invariant(kind, y, zy, x, zx, z)
+        box.ranges[kind, 0], box.ranges[kind, 1] = band_over(a, b, c, box.lower[i], box.upper[i], eps)
+
+
+@checked
+def invariant(kind: int, y: Vector, zy: Vector, x: Vector, zx: Vector, z: Vector) -> Vector:
+    """Of |f - m|^2, z_m.(f - m), z_f.(f - m), z_m.z_f (kinds 0 to 3): the coefficients when the far line (x, zx) turns about z and the near one (y, zy) stays; both from the axis."""
+    if kind == 0:
+        a, b, c = wave(y, x, z)
+        return (dot(x, x) + dot(y, y) - 2.0 * a, -2.0 * b, -2.0 * c)
+    if kind == 1:
+        a, b, c = wave(zy, x, z)
+        return (a - dot(zy, y), b, c)
+    if kind == 2:
+        a, b, c = wave(y, zx, z)
+        return (dot(zx, x) - a, -b, -c)
+    return wave(zy, zx, z)
+
+

@@ -1,0 +1,203 @@
+"""The closure of the chain at a middle link, linearised, with everything left out bounded.
+
+Position: E_1 .. E_m p = Ball E_n^-1 .. E_(m+1)^-1 t, p and t one point of the middle link seen from the base and from the
+target. Rotation: E_1 .. E_m = Ball E_n^-1 .. E_(m+1)^-1 D. The skew part of a product of two small rotations' generators
+is half their vector product, that of a square is zero; D departs from the identity by at most `apart`, which enters as
+remainder. Third orders: a product of rotations by t h_j, differentiated three times in t, is at most (sum h_j)^3 in norm.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from workcell.ik.branch_proof.closure import Box, Robot, narrow, off_axis
+from workcell.ik.branch_proof.vectors import Vector, checked, cross, minus, move, norm, vector
+from workcell.pose import Array
+
+WIDEST = 1.3
+"""Radians of all half widths together beyond which nothing can come of it."""
+
+
+@checked
+def follow_closure(robot: Robot, box: Box) -> bool:
+    """Contract all joints by the linear closure; False if it can't hold. Leaves in `box.follow` how joints follow:
+
+    departure of joint k = follow[k, 0] + follow[k, 1] * (departure of joint follow[0, 1]) + follow[k, 2:8] . noise, the
+    noise bounded by `noise_along` with follow[0, 2:8] and follow[0, 8:11]; valid where follow[0, 0] is 1.
+    """
+    joints = box.lower.shape[0]
+    box.follow[0, 0] = 0.0
+    h = np.zeros(joints)
+    total = 0.0
+    for k in range(joints):
+        h[k] = max(box.upper[k] - box.centre[k], box.centre[k] - box.lower[k])
+        total += h[k]
+    if total > WIDEST:
+        return True
+    A = np.zeros((6, joints + 7))
+    bound, lever = np.zeros(6), np.zeros(3)
+    if not _system(robot, box, (joints - 1) // 2, h, A, bound, lever):
+        return True
+    owner = np.full(6, -1)
+    _solve(robot, A, bound, lever, h, owner)
+    return _use(robot, box, A, bound, lever, owner)
+
+
+@checked
+def noise_along(weights: Array, bound: Array, lever: Array, ball: Array) -> float:
+    """Largest weights (6,) . noise: each component within `bound`, and the tolerance ball acting at `lever`."""
+    total = 0.0
+    for r in range(6):
+        total += abs(weights[r]) * bound[r]
+    u, v = vector(weights, 0), vector(weights, 3)
+    w = cross((lever[0], lever[1], lever[2]), u)
+    return total + ball[0] * norm(u) + ball[1] * norm((v[0] + w[0], v[1] + w[1], v[2] + w[2]))  # type: ignore[no-any-return]
+
+
+@checked
+def _system(robot: Robot, box: Box, m: int, h: Array, A: Array, bound: Array, lever: Array) -> bool:
+    """A = [coefficients of all joints | noise | right side]."""
+    joints = h.shape[0]
+    point = vector(robot.lines[m], 6)
+    p, t = move(box.motions[0, m], point), move(box.motions[1, m], point)
+    D = box.motions[1, m, :9].copy().reshape(3, 3) @ box.motions[0, m, :9].copy().reshape(3, 3).T
+    apart = np.sqrt(max(3.0 - D[0, 0] - D[1, 1] - D[2, 2], 0.0))
+    if apart > 1.4:
+        return False
+    last = joints + 6
+    A[0, last], A[1, last], A[2, last] = minus(t, p)
+    A[3, last], A[4, last], A[5, last] = (
+        0.5 * (D[2, 1] - D[1, 2]),
+        0.5 * (D[0, 2] - D[2, 0]),
+        0.5 * (D[1, 0] - D[0, 1]),
+    )
+    for r in range(6):
+        A[r, joints + r] = 1.0
+        bound[r] = 2.0 * robot.scale[0]
+    _side(box, 0, 1, m, 1, p, D, 0.0, h, A, bound)
+    _side(box, 1, joints - 2, m + 1, -1, t, D, apart, h, A, bound)
+    far, moved = 0.0, 0.0
+    for k in range(m + 1, joints - 1):
+        far += h[k]
+        moved += h[k] * off_axis(t, box.sides[1, k])
+    c = minus(t, vector(robot.ball, 2))
+    for r in range(3):
+        lever[r] = c[r]
+        bound[r] += robot.ball[1] * (moved + robot.ball[1] * norm(c))
+        bound[3 + r] += robot.ball[1] * (far + apart + robot.ball[1])
+    return True
+
+
+@checked
+def _side(
+    box: Box, side: int, first: int, last: int, step: int, p: Vector, D: Array, apart: float, h: Array, A: Array, bound: Array
+) -> None:  # fmt: skip
+    """Columns of the joints first .. last (outermost first) of one side, and their remainders."""
+    right = A.shape[1] - 1
+    sign = -1.0 if side == 0 else 1.0
+    total, cubic, j = 0.0, 0.0, first
+    while (step > 0 and j <= last) or (step < 0 and j >= last):
+        z = vector(box.sides[side, j], 0)
+        w = cross(z, minus(p, vector(box.sides[side, j], 3)))
+        cubic += ((total + h[j]) ** 3 - total**3) * norm(w)
+        total += h[j]
+        Dz = z if side == 0 else (
+            0.5 * ((D[1, 1] + D[2, 2]) * z[0] - D[0, 1] * z[1] - D[0, 2] * z[2]),
+            0.5 * ((D[0, 0] + D[2, 2]) * z[1] - D[1, 0] * z[0] - D[1, 2] * z[2]),
+            0.5 * ((D[0, 0] + D[1, 1]) * z[2] - D[2, 0] * z[0] - D[2, 1] * z[1]),
+        )  # fmt: skip
+        for r in range(3):
+            A[r, j], A[3 + r, j] = w[r], Dz[r]
+        i = first
+        while i != j + step:
+            y = vector(box.sides[side, i], 0)
+            bend, twist, size = cross(y, w), cross(y, z), h[i] * h[j]
+            for r in range(3):
+                if i == j:
+                    # Half a square in [0, h^2 / 2]: its middle to the right side, half its range to the remainder.
+                    A[r, right] += sign * 0.25 * size * bend[r]
+                    bound[r] += 0.25 * size * abs(bend[r])
+                    bound[3 + r] += 0.5 * size * apart
+                else:
+                    bound[r] += size * abs(bend[r])
+                    bound[3 + r] += size * (0.5 * abs(twist[r]) + apart)
+            i += step
+        j += step
+    for r in range(3):
+        bound[r] += cubic / 6.0
+        bound[3 + r] += total**3 / 6.0
+
+
+@checked
+def _solve(robot: Robot, A: Array, bound: Array, lever: Array, h: Array, owner: Array) -> None:
+    """Solve each row for the joint that stands out most from its noise (in half widths), clearing it elsewhere."""
+    joints = h.shape[0]
+    used = np.zeros(joints)
+    for _ in range(6):
+        row, joint, best = -1, -1, 0.05
+        for r in range(6):
+            if owner[r] >= 0:
+                continue
+            noise = noise_along(A[r, joints : joints + 6], bound, lever, robot.ball)
+            for k in range(joints):
+                if used[k] == 0.0 and abs(A[r, k]) > 1e-6 and abs(A[r, k]) * h[k] > best * noise:
+                    row, joint, best = r, k, abs(A[r, k]) * h[k] / noise
+        if row < 0:
+            return
+        owner[row], used[joint] = joint, 1.0
+        A[row] /= A[row, joint]
+        for r in range(6):
+            if r != row:
+                A[r] -= A[r, joint] * A[row]
+
+
+@checked
+def _use(robot: Robot, box: Box, A: Array, bound: Array, lever: Array, owner: Array) -> bool:
+    """Contract by the rows: in each, what a joint can be is what the other joints and the noise allow."""
+    joints = box.lower.shape[0]
+    for r in range(6):
+        noise = noise_along(A[r, joints : joints + 6], bound, lever, robot.ball) + robot.scale[0]
+        for k in range(joints):
+            if k > 0 and (abs(A[r, k]) < 1e-3 or box.upper[k] == box.lower[k]):
+                continue
+            low, high = A[r, joints + 6] - noise, A[r, joints + 6] + noise
+            for j in range(joints):
+                if j != k:
+                    one, two = A[r, j] * (box.lower[j] - box.centre[j]), A[r, j] * (box.upper[j] - box.centre[j])
+                    low, high = low - max(one, two), high - min(one, two)
+            if k == 0:
+                # Joint 0 stands still: zero must be left.
+                if low > 0.0 or high < 0.0:
+                    return False
+                continue
+            one, two = box.centre[k] + low / A[r, k], box.centre[k] + high / A[r, k]
+            if not narrow(box, k, min(one, two), max(one, two)):
+                return False
+    _remember(box, A, bound, lever, owner)
+    return True
+
+
+@checked
+def _remember(box: Box, A: Array, bound: Array, lever: Array, owner: Array) -> None:
+    """Write `box.follow` where at most one joint is left without a row."""
+    joints = box.lower.shape[0]
+    free, count = -1, 0
+    for k in range(1, joints - 1):
+        solved = False
+        for r in range(6):
+            solved = solved or owner[r] == k
+        if not solved:
+            free, count = k, count + 1
+    if count > 1:
+        return
+    follow = box.follow
+    follow[0, 0], follow[0, 1] = 1.0, free
+    follow[0, 2:8], follow[0, 8:11] = bound, lever
+    if free >= 0:
+        follow[free, :] = 0.0
+        follow[free, 1] = 1.0
+    for r in range(6):
+        if owner[r] >= 0:
+            follow[owner[r], 0] = A[r, joints + 6]
+            follow[owner[r], 1] = -A[r, free] if free >= 0 else 0.0
+            follow[owner[r], 2:8] = A[r, joints : joints + 6]

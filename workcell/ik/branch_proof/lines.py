@@ -1,0 +1,187 @@
+"""Contracting joints by what is known between two lines, one seen from the base and one from the target.
+
+Four numbers don't change when the lines' own joints turn: the square of the distance between their points, its
+components along either line, and the cosine between the lines. Their ranges follow from the joint between the lines
+(`closure.between`), or are 0, 0, 0 and 1 for one line seen from both sides.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from workcell.ik.branch_proof.closure import (
+    Box,
+    Robot,
+    advance,
+    between,
+    in_ball,
+    invariant,
+    narrow,
+    off_axis,
+    stand_at_centre,
+    tilt,
+    wander,
+)
+from workcell.ik.branch_proof.linear import follow_closure
+from workcell.ik.branch_proof.vectors import Vector, angles_in_band, checked, dot, minus, norm, vector
+from workcell.pose import Array
+
+ROUNDS = 8
+"""Times a box is contracted by everything."""
+
+
+@checked
+def contract(robot: Robot, box: Box) -> bool:
+    """Shrink a box as long as that pays; False if it is proved to hold no solution."""
+    joints = box.lower.shape[0]
+    for _ in range(ROUNDS):
+        before = 0.0
+        for k in range(joints):
+            before += np.log(box.upper[k] - box.lower[k] + 1e-9)
+        stand_at_centre(robot, box)
+        if not _contract_once(robot, box):
+            return False
+        after = 0.0
+        for k in range(joints):
+            after += np.log(box.upper[k] - box.lower[k] + 1e-9)
+        if after > before - 0.1:
+            break
+    return True
+
+
+@checked
+def _contract_once(robot: Robot, box: Box) -> bool:
+    joints = box.lower.shape[0]
+    for k in range(1, joints - 1):
+        if not _same_line(robot, box, k + 1, k) or not _same_line(robot, box, k - 1, k):
+            return False
+    for i in range(1, joints - 1):
+        if not _middle(robot, box, i):
+            return False
+        between(robot, box, i)
+        for j in range(1, i - 1):
+            if not _known(robot, box, i - 1, j, i + 1):
+                return False
+        for j in range(i + 2, joints - 1):
+            if not _known(robot, box, i - 1, j, i + 1):
+                return False
+    return follow_closure(robot, box)
+
+
+@checked
+def _same_line(robot: Robot, box: Box, line: int, joint: int) -> bool:
+    """Contract a joint by a neighbour's line, seen from both sides."""
+    box.ranges[:3, :] = 0.0
+    box.ranges[3, :] = 1.0
+    return _known(robot, box, line, joint, line)
+
+
+@checked
+def _middle(robot: Robot, box: Box, i: int) -> bool:
+    """Contract joint i by the lines before and after it."""
+    joints, eps = box.lower.shape[0], robot.scale[0]
+    near, far = box.sides[0, i - 1], box.sides[1, i + 1]
+    y, zy, x, zx = vector(near, 3), vector(near, 0), vector(far, 6), vector(far, 0)
+    d = minus(x, y)
+    move_x = wander(box, 0, 0, i - 1, x) + wander(box, 1, i + 2, joints, x) + in_ball(robot, x)
+    move_y = wander(box, 0, 0, i - 1, y) + wander(box, 1, i + 2, joints, y) + in_ball(robot, y)
+    tilted = tilt(box, 0, 0, i - 1, zx) + tilt(box, 1, i + 2, joints, zx) + robot.ball[1]
+    part, turned = advance(box, 0, i - 2, 0, -1, zy, x, 0.0, 0.0)
+    rest, _ = advance(box, 1, joints - 1, i + 2, -1, zy, x, 0.0, turned + robot.ball[1])
+    along_y = part + rest + in_ball(robot, x)
+    part, turned = advance(box, 1, i + 2, joints - 1, 1, zx, y, 0.0, 0.0)
+    rest, _ = advance(box, 0, 0, i - 2, 1, zx, y, 0.0, turned + robot.ball[1])
+    along_x = part + rest + in_ball(robot, y)
+
+    line = robot.lines[i]
+    z, o = vector(line, 0), vector(line, 3)
+    m, zm = minus(vector(robot.lines[i - 1], 3), o), vector(robot.lines[i - 1], 0)
+    f, zf = minus(vector(robot.lines[i + 1], 6), o), vector(robot.lines[i + 1], 0)
+    for kind in range(4):
+        a, b, c = invariant(kind, m, zm, f, zf, z)
+        if kind == 0:
+            r = min(move_x, move_y) + eps
+            low, high = max(norm(d) - r, 0.0) ** 2, (norm(d) + r) ** 2
+        else:
+            r = eps + (along_y if kind == 1 else (along_x if kind == 2 else tilted))
+            value = dot(zy, d) if kind == 1 else (dot(zx, d) if kind == 2 else dot(zy, zx))
+            low, high = value - r, value + r
+        first, last = angles_in_band(a, b, c, low, high, box.lower[i], box.upper[i], eps)
+        if first > last or not narrow(box, i, first, last):
+            return False
+    return True
+
+
+@checked
+def _known(robot: Robot, box: Box, i: int, j: int, k: int) -> bool:
+    """Contract joint j by the invariants between near line i and far line k, whose ranges are in `box.ranges`.
+
+    j < i: joint j moves the near line, so it is between the base and it; j > k: the far line. Joints outside j, towards
+    base or target, are counted as moving the other line, joints between j and its line as moving that line.
+    """
+    joints, eps = box.lower.shape[0], robot.scale[0]
+    near, far = box.sides[0, i], box.sides[1, k]
+    y, zy, x, zx = vector(near, 3), vector(near, 0), vector(far, 6), vector(far, 0)
+    if i == k and j < i:
+        y = vector(near, 6)
+    elif i == k:
+        x = vector(far, 3)
+    line = box.sides[0, j] if j < i else box.sides[1, j]
+    if j < i:
+        radius, along_y, along_x, tilted = _radii_near(robot, box, i, j, k, line, y, zy, x, zx)
+    else:
+        radius, along_y, along_x, tilted = _radii_far(robot, box, i, j, k, line, y, zy, x, zx)
+    z, o = vector(line, 0), vector(line, 3)
+    y, x = minus(y, o), minus(x, o)
+    centre = box.centre[j]
+    for kind in range(4):
+        a, b, c = invariant(kind, y, zy, x, zx, z)
+        low, high = box.ranges[kind, 0], box.ranges[kind, 1]
+        if kind == 0:
+            low = max(np.sqrt(max(low, 0.0)) - radius - eps, 0.0) ** 2
+            high = (np.sqrt(max(high, 0.0)) + radius + eps) ** 2
+        elif kind == 3 and i == k:
+            # One direction seen from both sides: a chord of length r is an angle whose cosine is 1 - r^2 / 2.
+            low = 1.0 - 0.5 * (tilted + eps) ** 2
+        else:
+            r = eps + (along_y if kind == 1 else (along_x if kind == 2 else tilted))
+            low, high = low - r, high + r
+        # A near line that turns forward, and a far one seen backwards from the target: both turn x by -t against y.
+        first, last = angles_in_band(a, b, -c, low, high, box.lower[j] - centre, box.upper[j] - centre, eps)
+        if first > last or not narrow(box, j, centre + first, centre + last):
+            return False
+    return True
+
+
+@checked
+def _radii_near(
+    robot: Robot, box: Box, i: int, j: int, k: int, line: Array, y: Vector, zy: Vector, x: Vector, zx: Vector
+) -> tuple[float, float, float, float]:
+    """Radii for a joint j < i: of the points, along the near and the far line, and of the directions."""
+    joints = box.lower.shape[0]
+    move_y = wander(box, 0, j + 1, i, y)
+    move_x = wander(box, 0, 0, j, x) + wander(box, 1, k + 1, joints, x) + in_ball(robot, x)
+    tilted = tilt(box, 0, j + 1, i, zy) + tilt(box, 0, 0, j, zx) + tilt(box, 1, k + 1, joints, zx) + robot.ball[1]
+    along_y = move_x + advance(box, 0, i - 1, j + 1, -1, zy, x, box.chord[j] * off_axis(x, line), 0.0)[0]
+    swing = box.chord[j] * off_axis(y, line)
+    part, turned = advance(box, 1, k + 1, joints - 1, 1, zx, y, swing, 0.0)
+    rest, _ = advance(box, 0, 0, j - 1, 1, zx, y, swing, turned + robot.ball[1])
+    along_x = move_y + part + rest + in_ball(robot, y) + 2.0 * robot.ball[1] * swing
+    return move_x + move_y, along_y, along_x, tilted
+
+
+@checked
+def _radii_far(
+    robot: Robot, box: Box, i: int, j: int, k: int, line: Array, y: Vector, zy: Vector, x: Vector, zx: Vector
+) -> tuple[float, float, float, float]:
+    """The same for a joint j > k."""
+    joints = box.lower.shape[0]
+    move_x = wander(box, 1, k + 1, j, x)
+    move_y = wander(box, 1, j + 1, joints, y) + wander(box, 0, 0, i, y) + in_ball(robot, y)
+    tilted = tilt(box, 1, k + 1, j, zx) + tilt(box, 1, j + 1, joints, zy) + tilt(box, 0, 0, i, zy) + robot.ball[1]
+    along_x = move_y + advance(box, 1, k + 1, j - 1, 1, zx, y, box.chord[j] * off_axis(y, line), 0.0)[0]
+    swing = box.chord[j] * off_axis(x, line)
+    part, turned = advance(box, 0, i - 1, 0, -1, zy, x, swing, 0.0)
+    rest, _ = advance(box, 1, joints - 1, j + 1, -1, zy, x, swing, turned + robot.ball[1])
+    along_y = move_x + part + rest + in_ball(robot, x) + 2.0 * robot.ball[1] * swing
+    return move_x + move_y, along_y, along_x, tilted

@@ -1,0 +1,148 @@
+"""Vectors as tuples of three numbers, and the slack for rounding."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar, cast
+
+import numpy as np
+from numba import njit
+
+from workcell.pose import Array
+
+Function = TypeVar("Function", bound=Callable[..., object])
+Vector = tuple[float, float, float]
+
+EPS = 1e-10
+"""Metres, radians or unit-free: what is added to every bound for rounding.
+
+Lengths are below `branch_check.LONGEST` (50 m), angles below 7, and a quantity is the sum of fewer than 1e3 products of
+numbers below 2500 with relative errors of a few 1e-16, scaled down where they are larger than 1: absolute errors stay
+below 1e-11 for lengths below 3 m and the slack is scaled by `State.scale` beyond that.
+"""
+
+
+def checked(function: Function) -> Function:
+    """Compile on first use, cached on disk; no fast-math."""
+    return cast(Function, njit(cache=True, nogil=True, error_model="numpy")(function))
+
+
+@checked
+def dot(a: Vector, b: Vector) -> float:
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@checked
+def cross(a: Vector, b: Vector) -> Vector:
+    """Vector product."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+@checked
+def minus(a: Vector, b: Vector) -> Vector:
+    """Difference."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+@checked
+def plus(a: Vector, scale: float, b: Vector) -> Vector:
+    """a + scale b."""
+    return (a[0] + scale * b[0], a[1] + scale * b[1], a[2] + scale * b[2])
+
+
+@checked
+def norm(a: Vector) -> float:
+    """Length."""
+    return np.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])  # type: ignore[no-any-return]
+
+
+@checked
+def vector(values: Array, start: int) -> Vector:
+    """Three numbers of an array."""
+    return (values[start], values[start + 1], values[start + 2])
+
+
+@checked
+def turn(T: Array, v: Vector) -> Vector:
+    """A direction turned by a motion T (12,): rotation (9, row-major), translation (3)."""
+    return (
+        T[0] * v[0] + T[1] * v[1] + T[2] * v[2],
+        T[3] * v[0] + T[4] * v[1] + T[5] * v[2],
+        T[6] * v[0] + T[7] * v[1] + T[8] * v[2],
+    )
+
+
+@checked
+def move(T: Array, v: Vector) -> Vector:
+    """A point moved by it."""
+    return plus(turn(T, v), 1.0, (T[9], T[10], T[11]))
+
+
+@checked
+def screw(T: Array, z: Vector, o: Vector, angle: float, out: Array) -> None:
+    """out = T * rotation by `angle` about the line through o along z (Rodrigues' formula)."""
+    c, s = np.cos(angle), np.sin(angle)
+    for column in range(3):
+        e = (1.0 if column == 0 else 0.0, 1.0 if column == 1 else 0.0, 1.0 if column == 2 else 0.0)
+        w = plus(cross(z, e), 0.0, e)
+        r = (
+            c * e[0] + s * w[0] + (1.0 - c) * z[column] * z[0],
+            c * e[1] + s * w[1] + (1.0 - c) * z[column] * z[1],
+            c * e[2] + s * w[2] + (1.0 - c) * z[column] * z[2],
+        )
+        t = turn(T, r)
+        out[column], out[3 + column], out[6 + column] = t
+    # The line stays: T' o = T o.
+    fixed, moved = move(T, o), turn(out, o)
+    out[9], out[10], out[11] = fixed[0] - moved[0], fixed[1] - moved[1], fixed[2] - moved[2]
+
+
+@checked
+def angles_in_band(
+    a: float, b: float, c: float, low: float, high: float, lower: float, upper: float, eps: float
+) -> tuple[float, float]:
+    """Hull of {t in [lower, upper]: low <= a + b cos t + c sin t <= high}; (1, -1) where that is empty."""
+    size = np.sqrt(b * b + c * c)
+    low, high = low - a - eps * (1.0 + size), high - a + eps * (1.0 + size)
+    if low > size or high < -size:
+        return 1.0, -1.0
+    if low <= -size and high >= size:
+        return lower, upper
+    nearest = np.arccos(high / size) - EPS if high < size else 0.0
+    farthest = np.arccos(low / size) + EPS if low > -size else np.pi
+    phase = np.arctan2(c, b)
+    first, last = 1.0, -1.0
+    k = np.floor((lower - phase) / (2 * np.pi)) - 1.0
+    while phase + 2 * np.pi * k - np.pi <= upper + 1.0:
+        middle = phase + 2 * np.pi * k
+        for side in (-1.0, 1.0):
+            start = middle + (nearest if side > 0 else -farthest)
+            end = middle + (farthest if side > 0 else -nearest)
+            start, end = max(start - EPS, lower), min(end + EPS, upper)
+            if start <= end:
+                if first > last:
+                    first, last = start, end
+                first, last = min(first, start), max(last, end)
+        k += 1.0
+    return first, last
+
+
+@checked
+def band_over(
+    a: float, b: float, c: float, lower: float, upper: float, eps: float
+) -> tuple[float, float]:
+    """Bounds on a + b cos t + c sin t over [lower, upper]: the ends, and the crests in between."""
+    size = np.sqrt(b * b + c * c)
+    one, two = b * np.cos(lower) + c * np.sin(lower), b * np.cos(upper) + c * np.sin(upper)
+    low, high = min(one, two), max(one, two)
+    phase = np.arctan2(c, b)
+    k = np.floor((lower - phase) / np.pi) - 1.0
+    while phase + np.pi * k <= upper + EPS:
+        if phase + np.pi * k >= lower - EPS:
+            if int(k) % 2 == 0:
+                high = size
+            else:
+                low = -size
+        k += 1.0
+    return a + low - eps * (1.0 + size), a + high + eps * (1.0 + size)

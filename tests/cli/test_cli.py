@@ -65,7 +65,7 @@ def test_ik_out_of_reach_is_proved(capsys):
         (("check", "sawyr"), "did you mean sawyer"),
         (("check", "no/such/file.xml"), "no such file"),
         (("check", "nothing.json"), "nothing.json"),
-        (("ik", "sawyr", "--pose", *"0100000"), "did you mean sawyer"),
+        (("ik", "sawyr", "--pose", *"0001000"), "did you mean sawyer"),
         (("ik", "sawyer", "--pose", "nan", *"001000"), "not finite"),
         (("ik", "sawyer", "--pose", *"0011100"), "length"),
         (("ik", "sawyer", "--pose", *"0011000", "--solver", "ikspork"), "did you mean ikspark"),

@@ -213,7 +213,7 @@ class JobResult:
     @property
     def impossible(self) -> bool:
         """Whether the run ended with a proof that the task can't be done."""
-        return self.status in {status.value for status in Status if status.is_proof}
+        return self.status in {status.value for status in Status if status.is_impossible}
 
 
 def run_task(

@@ -30,7 +30,7 @@ def ik(options: argparse.Namespace) -> int:
         _tell(problem, result)
     if result.solved:
         return exit_codes.DONE
-    return exit_codes.IMPOSSIBLE if result.status.is_proof else exit_codes.NOT_ACHIEVED
+    return exit_codes.IMPOSSIBLE if result.status.is_impossible else exit_codes.NOT_ACHIEVED
 
 
 def _problem(options: argparse.Namespace, target: Pose) -> IKProblem:

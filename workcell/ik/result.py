@@ -35,6 +35,11 @@ class Status(enum.Enum):
         """Whether the status says that no solution exists (in the scope it names)."""
         return self in (Status.UNREACHABLE, Status.BLOCKED, Status.BLOCKED_IN_MODEL)
 
+    @property
+    def is_impossible(self) -> bool:
+        """Whether the status says that no solution exists in reality, not only in a conservative model of it."""
+        return self in (Status.UNREACHABLE, Status.BLOCKED)
+
 
 _SENTENCES = {
     Status.SOLVED: "A configuration that reaches the target clear of obstacles was found and independently verified.",

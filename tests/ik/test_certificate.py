@@ -54,6 +54,18 @@ def test_joint_limits_alone_can_be_the_reason() -> None:
     assert solve_ikspark(replace(problem, robot=wide), BUDGET, 0).q is not None
 
 
+def test_a_step_too_long_is_certified_as_such() -> None:
+    robot = seven_axis()
+    q = np.array([0.3, 0.6, -0.4, 1.2, 0.2, 0.8, 0.0])
+    target = robot.fk(q)
+    moved = Pose(target.position + 0.1 * np.eye(3)[0], target.quat_wxyz)
+    problem = IKProblem(robot, moved, q_reference=q, max_step=0.02)
+    certificate = proof(problem)
+    assert check_farkas(problem, certificate) is None
+    assert "max_step of q_reference" in certificate.statement
+    assert solve_ikspark(replace(problem, max_step=None), BUDGET, 0).q is not None
+
+
 def test_a_target_off_the_plane_of_a_planar_arm() -> None:
     robot = scara()
     target = robot.fk(np.array([0.3, 0.5, -0.2]))

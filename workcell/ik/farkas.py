@@ -75,12 +75,18 @@ def certify_kinematics(problem: IKProblem, z: Array) -> Certificate | None:
     return Certificate(
         kind="farkas",
         scope="kinematics",
-        statement=f"No configuration within the joint limits brings the tool within {1e3 * position:g} mm and "
-        f"{rotation:g} rad of the target, obstacles aside.",
+        statement=f"No configuration within the joint limits{_bounds(problem)} brings the tool within "
+        f"{1e3 * position:g} mm and {rotation:g} rad of the target, obstacles aside.",
         margin=margin,
         problem_hash=problem_hash(problem),
         data={"ray": ray, "tolerance": np.array([position, rotation])},
     )
+
+
+def _bounds(problem: IKProblem) -> str:
+    """The bounds against the reference that the rows hold beside the limits, in words."""
+    names = [name for name in ("max_step", "max_link_rotation") if getattr(problem, name) is not None]
+    return f" and within {' and '.join(names)} of q_reference" if names else ""
 
 
 def _margin(

@@ -36,8 +36,9 @@ from workcell.pose import Array
 MAX_POLISH = 1e-2
 """Radians by which polish may move a joint for the answer to count as the convex method's own."""
 LOCAL_STEPS = 15
-LOCAL_DAMPING = 1e-2
 """Levenberg-Marquardt steps from the angles of an iterate (`ikspark+lm`)."""
+LOCAL_DAMPING = 1e-2
+"""Their first damping."""
 CUBOIDS_AFTER = 8
 """Restarts with half-spaces before free-space cuboids, where the problem has some, take turns with them."""
 MOST_FAILURES = 3

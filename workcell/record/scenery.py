@@ -10,7 +10,7 @@ import numpy as np
 
 from workcell.pose import Array
 from workcell.record.rrd import entity, rerun
-from workcell.record.shapes import Shape, body_shapes
+from workcell.record.shapes import Shape, body_shapes, has_visuals
 from workcell.record.tracks import BodyPoses
 
 if TYPE_CHECKING:
@@ -43,15 +43,22 @@ def owners_of_bodies(scene: Scene) -> dict[int, str]:
 
 
 def layers(model: mujoco.MjModel, owners: Mapping[int, str]) -> Iterator[Layer]:
-    """Every body with something to draw. A body that is welded to the world does not move."""
+    """Every body with something to draw. A body that is welded to the world does not move.
+
+    A body without visuals is drawn by its collision geometry, but not where other bodies of the same robot or object
+    have visuals: there it is the inside of what one sees.
+    """
+    dressed = {owners.get(body) for body in range(model.nbody) if has_visuals(model, body)} - {None}
     for body in range(model.nbody):
         moves = int(model.body_weldid[body]) != 0
         visual, collision = body_shapes(model, body)
         owner = owners.get(body)
+        if owner in dressed and not has_visuals(model, body):
+            visual, collision = [], visual
         name = _body_name(model, body, owner)
         above = f"world/obstacles/{name}" if owner is None else f"world/{owner}/visual/{name}"
         below = f"world/obstacles/{name}/collision" if owner is None else f"world/{owner}/collision/{name}"
-        if visual:
+        if visual or collision:
             yield Layer(above, body, moves, tuple(_distinct(visual)))
         if collision:
             yield Layer(below, body, moves, tuple(_distinct(collision)), carrier=above)

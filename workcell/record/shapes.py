@@ -117,6 +117,16 @@ def mesh_arrays(model: mujoco.MjModel, mesh: int) -> tuple[Array, Array, NDArray
     return vertices, normals, inverse.reshape(-1, 3).astype(np.int64)
 
 
+def has_visuals(model: mujoco.MjModel, body: int) -> bool:
+    """Whether some geom of the body is there to be looked at."""
+    start = int(model.body_geomadr[body])
+    return any(not _hidden(model, geom) for geom in range(start, start + int(model.body_geomnum[body])))
+
+
+def _hidden(model: mujoco.MjModel, geom: int) -> bool:
+    return int(model.geom_group[geom]) >= COLLISION_GROUP or float(geom_rgba(model, geom)[3]) == 0.0
+
+
 def body_shapes(model: mujoco.MjModel, body: int) -> tuple[list[Shape], list[Shape]]:
     """(visual, collision) shapes of a body; where nothing is visual, the collision geometry is what one sees."""
     visual: list[Shape] = []
@@ -126,6 +136,5 @@ def body_shapes(model: mujoco.MjModel, body: int) -> tuple[list[Shape], list[Sha
         shape = geom_shape(model, geom)
         if shape is None:
             continue
-        hidden = int(model.geom_group[geom]) >= COLLISION_GROUP or shape.rgba[3] == 0.0
-        (collision if hidden else visual).append(shape)
+        (collision if _hidden(model, geom) else visual).append(shape)
     return (visual, collision) if visual else (collision, [])

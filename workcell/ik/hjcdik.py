@@ -11,13 +11,34 @@ import time
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from workcell.ik.packing import has_collisions, kernels, narrowed_arm, new_memory, pack_world, random_state, shrunk_world
+from workcell.errors import InputError
+from workcell.ik.hjcd_batch import BatchSolution, smallest_gaps, solve_batch, solve_two_phase
+from workcell.ik.packing import (
+    has_collisions,
+    kernels,
+    narrowed_arm,
+    new_memory,
+    pack_world,
+    random_state,
+    shrunk_world,
+)
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.refine import DEEPEST, refine_packed
 from workcell.ik.result import Candidate
 from workcell.ik.verify import sphere_name
 from workcell.pose import Array
+
+__all__ = [
+    "BatchSolution",
+    "prepare",
+    "sample_solutions",
+    "smallest_gaps",
+    "solve_batch",
+    "solve_hjcd",
+    "solve_two_phase",
+]
 
 if TYPE_CHECKING:
     from workcell.ik.kernels.options import World
@@ -31,6 +52,10 @@ MOST_CHECKS = 300
 """Candidates shown to a problem's own checker before the search gives up."""
 NEAR_MISSES = 5
 """Reasons that are reported."""
+POOL = 4
+"""Solutions collected for each that is asked for."""
+DISTINCT = 0.05
+"""Radians or metres by which two solutions differ in some joint, to count as two."""
 NEARBY = 12
 """Seeds drawn near the reference where links may turn by little only."""
 
@@ -58,6 +83,44 @@ def solve_hjcd(problem: IKProblem, budget: Budget, seed: int = 0) -> Candidate:
     if has_collisions(problem) or problem.checker is not None or problem.max_link_rotation is not None:
         return _Search(problem, seed).run(deadline)
     return _solve_free(problem, deadline, seed)
+
+
+def sample_solutions(problem: IKProblem, count: int, seed: int = 0, budget: Budget | None = None) -> Array:
+    """Up to `count` solutions (k, n) that differ: by joint-space distance, so in elbow, wrist, shoulder where those can.
+
+    Solutions are collected from random seeds and along self-motion curves until there are `POOL` times as many as
+    wanted, the search is exhausted or the budget (default 1 s of CPU) is spent; then the ones farthest from each other
+    are chosen, greedily. Every one keeps pose, limits and clearance; a `checker` is asked about each.
+
+    Raises:
+        InputError: a count below 1.
+    """
+    if count < 1:
+        raise InputError(f"{count} solutions are none", where="count", remedy="at least 1")
+    deadline = time.process_time() + (budget or Budget(1.0)).cpu_s
+    search = _Search(problem, seed)
+    found: list[Array] = []
+    while len(found) < POOL * count:
+        q = search.run(deadline).q
+        if q is None:
+            break
+        found.append(np.array(q))
+    if not found:
+        return np.empty((0, problem.robot.dof))
+    return _farthest(np.stack(found), problem.robot.prismatic, count)
+
+
+def _farthest(q: Array, prismatic: NDArray[np.bool_], count: int) -> Array:
+    """Up to `count` rows of q (k, n), each the farthest (largest joint difference, modulo turns) from those before."""
+    chosen, distance = [0], np.full(len(q), np.inf)
+    while len(chosen) < min(count, len(q)):
+        difference = np.abs(q - q[chosen[-1]])
+        turned = np.abs(difference - 2 * np.pi * np.round(difference / (2 * np.pi)))
+        distance = np.minimum(distance, np.where(prismatic, difference, turned).max(axis=1))
+        if distance.max() < DISTINCT:
+            break
+        chosen.append(int(distance.argmax()))
+    return q[chosen]
 
 
 def target_row(problem: IKProblem) -> Array:
@@ -118,7 +181,7 @@ class _Search:
         """Search until a configuration is found, the search is exhausted or the time is over."""
         lanes, exhausted = list(self._lanes), False
         q = np.empty(self.problem.robot.dof)
-        while lanes and self._checks < MOST_CHECKS:
+        while lanes:
             for lane in list(lanes):
                 world, memory = lane
                 status = kernels().search(
@@ -130,7 +193,7 @@ class _Search:
                     lanes.remove(lane)
                 elif status == kernels().SPENT and self._refine(world, memory, q) and self._passes(q):
                     return self._candidate(q, exhausted=False)
-                if time.process_time() > deadline:
+                if time.process_time() > deadline or self._checks >= MOST_CHECKS:
                     return self._candidate(None, exhausted=False)
             exhausted = not lanes
         return self._candidate(None, exhausted)
@@ -185,7 +248,10 @@ class _Search:
         memory = self._lanes[0][1]
         for row in memory.misses:
             if row[0] > -1e3:
-                sphere, obstacle = sphere_name(self.problem, int(row[1])), self.problem.obstacles[int(row[2])].name
+                sphere, obstacle = (
+                    sphere_name(self.problem, int(row[1])),
+                    self.problem.obstacles[int(row[2])].name,
+                )
                 reasons.append(f"{sphere} is {_gap(row[0])} {obstacle}")
         if not reasons:
             entries = kernels()

@@ -97,7 +97,8 @@ def _arm(robot: Robot) -> Arm:
         frames[k + 1, 12] = float(robot.prismatic[k])
     frames[-1, :9] = (turned[-1].T @ tool.T_link_tool.rotation).ravel()
     frames[-1, 9:12] = turned[-1].T @ tool.T_link_tool.position
-    return kernels().Arm(frames, _bounds(robot, robot.lower, robot.upper))
+    arm: Arm = kernels().Arm(frames, _bounds(robot, robot.lower, robot.upper))
+    return arm
 
 
 def axis_frames(robot: Robot) -> Array:
@@ -132,7 +133,9 @@ def _cover(robot: Robot, cover: SphereCover, shrunk: bool) -> tuple[Array, Array
     for k, (a, b) in enumerate(zip(first, last, strict=True)):
         balls[k, 4:] = a, b
         if a < b:
-            middle = 0.5 * (centre[a:b] + radius[a:b, None]).max(0) + 0.5 * (centre[a:b] - radius[a:b, None]).min(0)
+            middle = 0.5 * (centre[a:b] + radius[a:b, None]).max(0) + 0.5 * (
+                centre[a:b] - radius[a:b, None]
+            ).min(0)
             balls[k, :3] = middle
             balls[k, 3] = (np.linalg.norm(centre[a:b] - middle, axis=1) + radius[a:b]).max()
     return spheres, balls
@@ -155,7 +158,7 @@ def pack_obstacles(pieces: Sequence[Piece]) -> tuple[Array, Array]:
     kind = rows[:, 0]
     capsule = kind == KINDS["capsule"]
     rows[capsule, 16] = rows[capsule, 13] + rows[capsule, 14]
-    for row in np.flatnonzero(kind == KINDS["hull"]):
+    for row in map(int, np.flatnonzero(kind == KINDS["hull"])):
         vertices = pieces[row].vertices
         assert vertices is not None
         surface = _surface(vertices.tobytes())
@@ -182,7 +185,9 @@ def _surface(vertex_bytes: bytes) -> Array:
     hull = ConvexHull(vertices)
     corners = vertices[hull.simplices]
     normal = hull.equations[:, :3]
-    turn = np.einsum("fi,fi->f", np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), normal)
+    turn = np.einsum(
+        "fi,fi->f", np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), normal
+    )
     corners[turn < 0] = corners[turn < 0][:, [0, 2, 1]]
     return np.column_stack([hull.equations, corners.reshape(-1, 9)])
 
@@ -191,10 +196,13 @@ def pack_world(problem: IKProblem) -> World:
     """The problem's spheres and obstacles; without either, a world in which nothing collides."""
     if problem.cover is None or not has_collisions(problem):
         empty = np.zeros((0, 6)), np.zeros((problem.robot.dof + 1, 6)), np.zeros((0, 19)), np.zeros((0, 13))
-        return kernels().World(*empty, 0.0)
+        nothing: World = kernels().World(*empty, 0.0)
+        return nothing
     spheres, balls = pack_cover(problem.robot, problem.cover)
     obstacles, faces = pack_obstacles(problem.obstacles)
-    return kernels().World(spheres, balls, obstacles, faces, float(problem.tolerances.safety_margin))
+    margin = float(problem.tolerances.safety_margin)
+    world: World = kernels().World(spheres, balls, obstacles, faces, margin)
+    return world
 
 
 def shrunk_world(problem: IKProblem, world: World) -> World:
@@ -217,7 +225,10 @@ def new_memory(dof: int, seed: int) -> Memory:
     counts[entries.ARC], counts[entries.BEST] = -1.0, np.inf
     misses = np.full((entries.MISSES, dof + 3), -1e3)
     points = np.empty((entries.MEMORY, 2 * dof + 1))
-    return entries.Memory(random_state(seed), counts, points, np.zeros(1), np.zeros(dof), np.zeros(dof), misses)
+    memory: Memory = entries.Memory(
+        random_state(seed), counts, points, np.zeros(1), np.zeros(dof), np.zeros(dof), misses
+    )
+    return memory
 
 
 def random_state(seed: int) -> NDArray[np.uint64]:

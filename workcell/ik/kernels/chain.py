@@ -36,7 +36,9 @@ def forward(frames: Array, q: Array, T: Array) -> None:
             T[i, 3 * r] = c * x + s * y
             T[i, 3 * r + 1] = c * y - s * x
             T[i, 3 * r + 2] = z
-            T[i, 9 + r] = T[i - 1, 9 + r] + a * frames[i, 9] + b * frames[i, 10] + d * frames[i, 11] + slide * z
+            T[i, 9 + r] = (
+                T[i - 1, 9 + r] + a * frames[i, 9] + b * frames[i, 10] + d * frames[i, 11] + slide * z
+            )
 
 
 @inner
@@ -83,7 +85,8 @@ def pose_error(T: Array, target: Array, e: Array) -> float:
         factor = ROTATION_WEIGHT
     e[0], e[1], e[2] = target[9] - T[i, 9], target[10] - T[i, 10], target[11] - T[i, 11]
     e[3], e[4], e[5] = factor * x, factor * y, factor * z
-    return e[0] * e[0] + e[1] * e[1] + e[2] * e[2] + e[3] * e[3] + e[4] * e[4] + e[5] * e[5]
+    cost: float = e[0] * e[0] + e[1] * e[1] + e[2] * e[2] + e[3] * e[3] + e[4] * e[4] + e[5] * e[5]
+    return cost
 
 
 @inner
@@ -123,7 +126,9 @@ def draw(arm: Arm, random: RandomState, q: Array) -> None:
 
 
 @inner
-def seed(arm: Arm, target: Array, random: RandomState, tries: int, q: Array, trial: Array, T: Array, e: Array) -> None:
+def seed(
+    arm: Arm, target: Array, random: RandomState, tries: int, q: Array, trial: Array, T: Array, e: Array
+) -> None:
     """The best by pose error of `tries` uniform configurations, into q (n,)."""
     best = 1e300
     for _ in range(tries):

@@ -29,19 +29,21 @@ def _merit(arm: Arm, target: Array, world: World, q: Array, work: Work, contacts
     forward(arm.frames, q, work.T)
     merit = math.sqrt(pose_error(work.T, target, work.e))
     collect(world, work.T, world.required + LOOK_AHEAD, -1e300, contacts)
-    for c in range(int(contacts.count[0])):
+    for c in range(int(contacts.used[0])):
         merit += max(world.required + WANTED - contacts.rows[c, 0], 0.0)
     return merit
 
 
 @inner
-def _constraints(arm: Arm, world: World, q: Array, trust: float, work: Work, contacts: Contacts, rows: Array) -> int:
+def _constraints(
+    arm: Arm, world: World, q: Array, trust: float, work: Work, contacts: Contacts, rows: Array
+) -> int:
     """Rows (m, 2 n + 3) of the program: gradient, its part in the null space, bound, square, multiplier.
 
     The smallest motion onto the pose (work.newton) is subtracted from the bounds; work.A holds the Gram factor.
     """
     n, m = q.shape[0], 0
-    for c in range(int(contacts.count[0])):
+    for c in range(int(contacts.used[0])):
         contact_row(arm.frames, work.T, contacts.rows, c, work.column)
         for k in range(n):
             rows[m, k] = work.column[k]
@@ -75,7 +77,9 @@ def _constraints(arm: Arm, world: World, q: Array, trust: float, work: Work, con
 
 
 @inner
-def _step(arm: Arm, world: World, q: Array, trust: float, work: Work, contacts: Contacts, rows: Array) -> bool:
+def _step(
+    arm: Arm, world: World, q: Array, trust: float, work: Work, contacts: Contacts, rows: Array
+) -> bool:
     """The solution of min |dq|^2, J dq = e, rows dq >= bounds, into work.step, by Hildreth's method on the dual."""
     n = q.shape[0]
     jacobian(arm.frames, work.T, work.J)
@@ -114,7 +118,9 @@ def _step(arm: Arm, world: World, q: Array, trust: float, work: Work, contacts: 
 
 
 @kernel
-def refine(arm: Arm, world: World, pose: Array, iterations: int, accuracy: float, starts: Array, out: Array) -> int:
+def refine(
+    arm: Arm, world: World, pose: Array, iterations: int, accuracy: float, starts: Array, out: Array
+) -> int:
     """From each row of starts (s, n): quadratic programs within a trust region until the pose is reached clear.
 
     Returns the row that led to `out` (n,), or -1.

@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from workcell.ik.kernels.chain import forward
 from workcell.ik.kernels.distance import HALFSPACE, signed_distance
-from workcell.ik.kernels.options import World, inner
+from workcell.ik.kernels.options import Arm, World, inner, kernel
 from workcell.pose import Array
 
 MOST_CONTACTS = 128
@@ -23,11 +24,11 @@ class Contacts(NamedTuple):
     Attributes:
         rows: (MOST_CONTACTS, 9) gap, gradient (3), sphere's centre (3), link, sphere's row and obstacle packed as
             `sphere * obstacles + obstacle`.
-        count: (1,) rows in use.
+        used: (1,) rows in use.
     """
 
     rows: Array
-    count: Array
+    used: Array
 
 
 @inner
@@ -77,7 +78,7 @@ def collect(world: World, T: Array, margin: float, stop_below: float, contacts: 
             for i in range(first, last):
                 x, y, z = _carried(T, link, world.spheres, i)
                 d, u, v, w = signed_distance(world.obstacles, world.faces, j, x, y, z)
-                gap = d - world.spheres[i, 3]
+                gap: float = d - world.spheres[i, 3]
                 if gap < margin and count < MOST_CONTACTS:
                     rows[count, 0], rows[count, 1], rows[count, 2], rows[count, 3] = gap, u, v, w
                     rows[count, 4], rows[count, 5], rows[count, 6] = x, y, z
@@ -86,9 +87,9 @@ def collect(world: World, T: Array, margin: float, stop_below: float, contacts: 
                 if gap < smallest:
                     smallest = gap
                     if gap < stop_below:
-                        contacts.count[0] = count
+                        contacts.used[0] = count
                         return smallest
-    contacts.count[0] = count
+    contacts.used[0] = count
     return smallest
 
 
@@ -147,4 +148,20 @@ def _stretch(world: World, T: Array, twist: Array, spare: float, i: int, j: int)
     vx = twist[link, 0] + twist[link, 4] * z - twist[link, 5] * y
     vy = twist[link, 1] + twist[link, 5] * x - twist[link, 3] * z
     vz = twist[link, 2] + twist[link, 3] * y - twist[link, 4] * x
-    return (spare - gap) / max(math.sqrt(vx * vx + vy * vy + vz * vz), 1e-6)
+    stretch: float = (spare - gap) / max(math.sqrt(vx * vx + vy * vy + vz * vz), 1e-6)
+    return stretch
+
+
+@kernel
+def smallest_gaps(arm: Arm, world: World, q: Array, gap: Array, gradient: Array) -> None:
+    """For configurations q (b, n) the smallest gap (b,) and its gradient (b, n); `FAR` and zeros without obstacles."""
+    T, contacts = np.empty((q.shape[1] + 2, 12)), room()
+    for i in range(q.shape[0]):
+        forward(arm.frames, q[i], T)
+        gap[i] = collect(world, T, FAR, -1e300, contacts)
+        for k in range(q.shape[1]):
+            gradient[i, k] = 0.0
+        if gap[i] < FAR:
+            # A second pass keeps the nearest pair alone: the first may have had more than there is room for.
+            collect(world, T, gap[i] + 1e-12, -1e300, contacts)
+            contact_row(arm.frames, T, contacts.rows, 0, gradient[i])

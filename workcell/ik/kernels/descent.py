@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from workcell.ik.kernels.chain import forward, pose_error
+from workcell.ik.kernels.chain import ROTATION_WEIGHT, forward, pose_error
 from workcell.ik.kernels.options import Arm, inner
 from workcell.pose import Array
 
@@ -20,9 +20,9 @@ def _best_turns(arm: Arm, T: Array, target: Array, e: Array, q: Array, moves: Ar
     """
     n = q.shape[0]
     square = e[0] * e[0] + e[1] * e[1] + e[2] * e[2]
-    angle = math.sqrt(e[3] * e[3] + e[4] * e[4] + e[5] * e[5]) / 0.3
+    angle = math.sqrt(e[3] * e[3] + e[4] * e[4] + e[5] * e[5]) / ROTATION_WEIGHT
     w = math.cos(0.5 * angle)
-    scale = math.sin(0.5 * angle) / max(0.3 * angle, 1e-12)
+    scale = math.sin(0.5 * angle) / max(ROTATION_WEIGHT * angle, 1e-12)
     moves[0], moves[2] = -1.0, -1.0
     nearest, straightest = square * (1 - 1e-6), w + 1e-9
     for k in range(n):

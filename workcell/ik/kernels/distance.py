@@ -28,7 +28,7 @@ def signed_distance(obstacles: Array, faces: Array, j: int, x: float, y: float, 
         d, u, v, w = _box(lx, ly, lz, a, b, c)
     elif kind == CYLINDER:
         d, u, v, w = _cylinder(lx, ly, lz, a, b)
-    elif kind == BALL or kind == CAPSULE:
+    elif kind == BALL or kind == CAPSULE:  # noqa: SIM109 -- compiles faster
         w = lz - min(max(lz, -b), b)
         r = max(math.sqrt(lx * lx + ly * ly + w * w), 1e-12)
         d, u, v, w = r - a, lx / r, ly / r, w / r
@@ -127,7 +127,11 @@ def _nearest_in_triangle(faces: Array, f: int, x: float, y: float, z: float) -> 
     bx, by, bz = 0.0, 0.0, 0.0
     for k in range(3):
         i, j = 4 + 3 * k, 4 + 3 * ((k + 1) % 3)
-        ex, ey, ez = faces[f, j] - faces[f, i], faces[f, j + 1] - faces[f, i + 1], faces[f, j + 2] - faces[f, i + 2]
+        ex, ey, ez = (
+            faces[f, j] - faces[f, i],
+            faces[f, j + 1] - faces[f, i + 1],
+            faces[f, j + 2] - faces[f, i + 2],
+        )
         rx, ry, rz = x - faces[f, i], y - faces[f, i + 1], z - faces[f, i + 2]
         # The inward side of an edge is normal x edge, with corners counter-clockwise about the normal.
         nx, ny, nz = faces[f, 0], faces[f, 1], faces[f, 2]

@@ -1,6 +1,7 @@
 """What solvers call: every compiled entry point, and the structures and constants that go with them."""
 
 from workcell.ik.kernels.constrained import refine
+from workcell.ik.kernels.contact import smallest_gaps
 from workcell.ik.kernels.free import descend_batch, polish_batch, solve_targets
 from workcell.ik.kernels.options import Arm, World
 from workcell.ik.kernels.search import (
@@ -40,5 +41,6 @@ __all__ = [
     "polish_batch",
     "refine",
     "search",
+    "smallest_gaps",
     "solve_targets",
 ]

@@ -17,7 +17,9 @@ SWEEPS = 2
 
 
 @inner
-def restart(arm: Arm, target: Array, accuracy: float, random: RandomState, q: Array, moves: Array, work: Work) -> float:
+def restart(
+    arm: Arm, target: Array, accuracy: float, random: RandomState, q: Array, moves: Array, work: Work
+) -> float:
     """One seed, descended and polished, into q; returns the squared residual reached."""
     seed(arm, target, random, SEEDS, q, work.trial, work.T, work.e)
     descend(arm, target, SWEEPS, q, work.T, work.e, moves)
@@ -26,7 +28,14 @@ def restart(arm: Arm, target: Array, accuracy: float, random: RandomState, q: Ar
 
 @kernel
 def solve_targets(
-    arm: Arm, poses: Array, first: Array, accuracy: float, restarts: int, random: RandomState, q: Array, cost: Array
+    arm: Arm,
+    poses: Array,
+    first: Array,
+    accuracy: float,
+    restarts: int,
+    random: RandomState,
+    q: Array,
+    cost: Array,
 ) -> int:
     """Solve every target poses (k, 7: position, quaternion wxyz) into q (k, n), with its squared residual in cost (k,).
 

@@ -24,7 +24,9 @@ def _freeze(q: Array, bounds: Array, J: Array, e: Array, g: Array) -> None:
         total = 0.0
         for r in range(6):
             total += J[r, k] * e[r]
-        if bounds[2, k] == 0.0 and ((q[k] >= bounds[1, k] and total > 0) or (q[k] <= bounds[0, k] and total < 0)):
+        if bounds[2, k] == 0.0 and (
+            (q[k] >= bounds[1, k] and total > 0) or (q[k] <= bounds[0, k] and total < 0)
+        ):
             total = 0.0
             for r in range(6):
                 J[r, k] = 0.0

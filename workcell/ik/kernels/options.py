@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple, TypeVar, cast
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from workcell.pose import Array
+
+_STAMP = tuple(
+    (file.name, file.stat().st_mtime, file.stat().st_size)
+    for file in sorted(Path(__file__).parent.glob("*.py"))
+)
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -19,15 +25,30 @@ _FAST = {"contract", "reassoc", "nsz", "arcp"}
 
 def kernel(function: Function) -> Function:
     """Compile an entry point on first use, cached on disk, without the interpreter's lock."""
-    return cast(Function, njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)(function))
+    compiled: Function = _cached(njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)(function))
+    return compiled
 
 
 def inner(function: Function) -> Function:
     """Compile what only other kernels call: without the wrappers for Python and C, which cost compile time."""
-    compiled = njit(
-        cache=True, error_model="numpy", fastmath=_FAST, no_cpython_wrapper=True, no_cfunc_wrapper=True
-    )
-    return cast(Function, compiled(function))
+    options = {
+        "error_model": "numpy",
+        "fastmath": _FAST,
+        "no_cpython_wrapper": True,
+        "no_cfunc_wrapper": True,
+    }
+    compiled: Function = _cached(njit(cache=True, **options)(function))
+    return compiled
+
+
+def _cached(compiled: Any) -> Any:
+    """Let a cached kernel go stale with any file of this folder: numba looks at the kernel's own file only, not at those
+    it calls into. There is no public way to say so; without the attribute numba's own rule holds.
+    """
+    cache_file: Any = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
+    if hasattr(cache_file, "_source_stamp"):
+        cache_file._source_stamp = _STAMP
+    return compiled
 
 
 class Arm(NamedTuple):

@@ -63,7 +63,7 @@ class Memory(NamedTuple):
 def _note(memory: Memory, world: World, q: Array, contacts: Contacts) -> None:
     """Keep q (n,) among the near misses, with the worst pair of its contacts."""
     worst = 0
-    for c in range(1, int(contacts.count[0])):
+    for c in range(1, int(contacts.used[0])):
         if contacts.rows[c, 0] < contacts.rows[worst, 0]:
             worst = c
     gap, n, place = contacts.rows[worst, 0], q.shape[0], MISSES - 1
@@ -148,7 +148,9 @@ def search(
         for k in range(n):
             q[k] = memory.curve[k]
         walked = Walked(memory.walked, memory.walked_count)
-        arc = walk(arm, target, world, enough, counts[ARC], memory.held, q, out, walked, work, contacts, twist)
+        arc = walk(
+            arm, target, world, enough, counts[ARC], memory.held, q, out, walked, work, contacts, twist
+        )
         counts[ARC] = arc + APART if arc >= 0 else -1.0
         if arc >= 0:
             return FOUND

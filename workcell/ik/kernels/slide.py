@@ -13,13 +13,15 @@ HINGE_MARGIN = 3e-4
 
 
 @inner
-def _cost(arm: Arm, target: Array, world: World, q: Array, work: Work, contacts: Contacts) -> tuple[float, float]:
+def _cost(
+    arm: Arm, target: Array, world: World, q: Array, work: Work, contacts: Contacts
+) -> tuple[float, float]:
     """Sum of squared residuals at q, and the smallest gap less the wanted one."""
     forward(arm.frames, q, work.T)
     cost = pose_error(work.T, target, work.e)
     wanted = world.required + HINGE_MARGIN
     gap = collect(world, work.T, wanted, -1e300, contacts)
-    for c in range(int(contacts.count[0])):
+    for c in range(int(contacts.used[0])):
         cost += (wanted - contacts.rows[c, 0]) ** 2
     return cost, gap - world.required
 
@@ -38,7 +40,7 @@ def _normal_equations(arm: Arm, world: World, work: Work, contacts: Contacts) ->
             H[a, b] = 0.0
             for r in range(6):
                 H[a, b] += work.J[r, a] * work.J[r, b]
-    for c in range(int(contacts.count[0])):
+    for c in range(int(contacts.used[0])):
         contact_row(arm.frames, work.T, contacts.rows, c, row)
         short = world.required + HINGE_MARGIN - contacts.rows[c, 0]
         for a in range(n):
@@ -65,7 +67,14 @@ def _hold(q: Array, bounds: Array, damping: float, work: Work) -> None:
 
 @inner
 def slide(
-    arm: Arm, target: Array, world: World, iterations: int, accuracy: float, q: Array, work: Work, contacts: Contacts
+    arm: Arm,
+    target: Array,
+    world: World,
+    iterations: int,
+    accuracy: float,
+    q: Array,
+    work: Work,
+    contacts: Contacts,
 ) -> float:
     """Move q (n,) in place towards a clear configuration that reaches the target.
 

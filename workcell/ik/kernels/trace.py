@@ -38,10 +38,10 @@ _TURN = 2 * math.pi
 
 
 class Walked(NamedTuple):
-    """Curves walked so far: points (MEMORY, 2 n + 1) with tangent and step, and how many (1,)."""
+    """Curves walked so far: points (MEMORY, 2 n + 1) with tangent and step, and how many are in use (1,)."""
 
     points: Array
-    count: Array
+    used: Array
 
 
 @inner
@@ -62,7 +62,7 @@ def _offset(arm: Arm, k: int, difference: float) -> float:
 def was_walked(arm: Arm, walked: Walked, q: Array, width: float) -> bool:
     """Whether q (n,) lies within `width` of a curve in the memory."""
     n = q.shape[0]
-    for i in range(int(walked.count[0])):
+    for i in range(int(walked.used[0])):
         length = walked.points[i, 2 * n] + width
         along, square = 0.0, 0.0
         for k in range(n):
@@ -80,12 +80,12 @@ def was_walked(arm: Arm, walked: Walked, q: Array, width: float) -> bool:
 @inner
 def remember(walked: Walked, q: Array, tangent: Array, step: float) -> None:
     """Add a point, its tangent (n,) and the step taken from it to the memory (as long as there is room)."""
-    i, n = int(walked.count[0]), q.shape[0]
+    i, n = int(walked.used[0]), q.shape[0]
     if i < walked.points.shape[0]:
         for k in range(n):
             walked.points[i, k], walked.points[i, n + k] = q[k], tangent[k]
         walked.points[i, 2 * n] = step
-        walked.count[0] += 1
+        walked.used[0] += 1
 
 
 @inner
@@ -216,7 +216,11 @@ def walk(
         if stretch < LONGEST / CAUTION:
             _twist(arm, work.T, tangent, twist)
             stretch = max(stretch, idle_stretch(world, work.T, twist, SPARE, hint))
-        if stretch <= 0.0 and arc >= skip and accept(arm, target, world, enough, q, out, work, contacts) >= 0.0:
+        if (
+            stretch <= 0.0
+            and arc >= skip
+            and accept(arm, target, world, enough, q, out, work, contacts) >= 0.0
+        ):
             return arc
         step = min(max(CAUTION * stretch, SHORTEST), LONGEST)
         if arc < skip:

@@ -1,0 +1,192 @@
+"""HJCD-IK for many targets at once, and its two phases over a batch of seeds for one target. Kinematics alone."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from workcell.errors import InputError
+from workcell.ik.packing import kernels, pack_arm, pack_world, random_state
+from workcell.ik.problem import IKProblem
+from workcell.model.robot import Robot
+from workcell.pose import Array, Pose, read_only
+
+ACCURACY = 1e-8
+"""Metres of residual (a radian weighs 0.3 m) to which poses are polished."""
+SWEEPS = 20
+"""Coordinate-descent updates of a seed in phase one."""
+COARSE = 0.1
+"""Metres of residual at which one seed ends phase one for all."""
+_COPIES = (
+    (8, 1.0, 24, 0.25),
+    (16, 0.5, 16, 0.15),
+    (128, 0.2, 5, 0.15),
+    (1024, 0.02, 5, 0.15),
+    (2048, 0.01, 5, 0.15),
+)
+"""Up to this batch size: share of the seeds that is kept, copies of each, their spread (share of the joints' ranges)."""
+_COPIES_ABOVE = (0.01, 2, 0.15)
+
+
+@dataclass(frozen=True, slots=True)
+class BatchSolution:
+    """Configurations and what they leave of the pose error.
+
+    Attributes:
+        q: (k, n) within the joint limits.
+        residual: (k,) metres: the root of the squared position error plus the squared rotation error times 0.3 m.
+        restarts: seeds polished in total.
+    """
+
+    q: Array
+    residual: Array
+    restarts: int
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "q", read_only(self.q))
+        object.__setattr__(self, "residual", read_only(self.residual))
+
+
+def solve_batch(
+    robot: Robot,
+    targets: Sequence[Pose] | ArrayLike,
+    *,
+    seed: int = 0,
+    first: ArrayLike | None = None,
+    restarts: int = 200,
+    accuracy: float = ACCURACY,
+    threads: int = 1,
+) -> BatchSolution:
+    """One configuration for each of k targets, restarting until solved; the best found where that fails.
+
+    Args:
+        robot: serial; its default tool is placed. Obstacles don't count.
+        targets: poses, or rows (k, 7) of position and quaternion wxyz, in the world.
+        seed: same seed, same answer (for a number of threads).
+        first: (k, n) configurations to begin from, or None.
+        restarts: most seeds a target.
+        accuracy: residual in metres at which a target counts as solved.
+        threads: targets are split among them; the kernels don't hold the interpreter's lock.
+
+    Raises:
+        InputError: targets or configurations of the wrong shape, or not finite.
+    """
+    poses = _target_rows(targets)
+    starts = np.empty((0, robot.dof)) if first is None else _configurations(robot, first, "first")
+    starts = np.clip(starts, robot.lower, robot.upper)
+    if len(starts) not in (0, len(poses)):
+        raise InputError(f"{len(starts)} configurations for {len(poses)} targets", where="first")
+    arm, q, cost = pack_arm(robot), np.empty((len(poses), robot.dof)), np.empty(len(poses))
+
+    def solve(part: slice) -> int:
+        random = random_state(seed + 7919 * part.start)
+        done = kernels().solve_targets(
+            arm, poses[part], starts[part], accuracy, restarts, random, q[part], cost[part]
+        )
+        return int(done)
+
+    done = sum(_in_parts(solve, len(poses), threads))
+    return BatchSolution(q, np.sqrt(cost), done)
+
+
+def solve_two_phase(
+    robot: Robot, target: Pose, batch: int, *, seed: int = 0, threads: int = 1
+) -> BatchSolution:
+    """The paper's algorithm for one target: descend `batch` uniform seeds, polish perturbed copies of the best.
+
+    Phase one ends for all seeds when one comes within `COARSE`; how many are kept and copied depends on the batch
+    size as in the authors' code. The configurations come with the smallest residual first.
+
+    Raises:
+        InputError: a batch below 1.
+    """
+    if batch < 1:
+        raise InputError(f"a batch of {batch} seeds is empty", where="batch", remedy="at least 1")
+    rng = np.random.default_rng(seed)
+    arm, pose = pack_arm(robot), _target_rows([target])[0]
+    seeds, cost = robot.random_configuration(rng, batch), np.empty(batch)
+
+    def descend(part: slice) -> int:
+        return int(kernels().descend_batch(arm, pose, seeds[part], SWEEPS, COARSE, cost[part]))
+
+    _in_parts(descend, batch, threads)
+    q = _perturbed_copies(robot, seeds[np.argsort(cost, kind="stable")], rng)
+    residual = np.empty(len(q))
+
+    def polish(part: slice) -> None:
+        kernels().polish_batch(arm, pose, ACCURACY, q[part], residual[part])
+
+    _in_parts(polish, len(q), threads)
+    order = np.argsort(residual, kind="stable")
+    return BatchSolution(q[order], np.sqrt(residual[order]), len(q))
+
+
+def smallest_gaps(problem: IKProblem, q: ArrayLike) -> tuple[Array, Array]:
+    """The smallest signed distance (b,) between the problem's spheres and obstacles, and its gradient (b, n).
+
+    Args:
+        problem: its cover and obstacles; without either the gap is 1000 m.
+        q: configurations (b, n).
+
+    Raises:
+        InputError: configurations of the wrong shape, or not finite.
+    """
+    rows = _configurations(problem.robot, q, "q")
+    gap, gradient = np.empty(len(rows)), np.empty(rows.shape)
+    kernels().smallest_gaps(pack_arm(problem.robot), pack_world(problem), rows, gap, gradient)
+    return gap, gradient
+
+
+def _perturbed_copies(robot: Robot, ranked: Array, rng: np.random.Generator) -> Array:
+    """The best of the ranked seeds, each with normally perturbed copies; one copy is the seed itself."""
+    rules = (rule[1:] for rule in _COPIES if len(ranked) <= rule[0])
+    share, copies, spread = next(rules, _COPIES_ABOVE)
+    kept = ranked[: max(1, int(np.ceil(share * len(ranked))))]
+    noise = rng.normal(size=(copies, *kept.shape)) * spread * (robot.upper - robot.lower)
+    noise[0] = 0.0
+    return np.clip((kept + noise).reshape(-1, robot.dof), robot.lower, robot.upper)
+
+
+def _in_parts(work: Callable[[slice], object], count: int, threads: int) -> list[int]:
+    """Results of `work` on slices of range(count), one a thread."""
+    edges = np.linspace(0, count, max(1, min(threads, count)) + 1).astype(int)
+    parts = [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
+    if len(parts) == 1:
+        return [work(parts[0])]  # type: ignore[list-item]
+    with ThreadPoolExecutor(len(parts)) as pool:
+        return list(pool.map(work, parts))  # type: ignore[arg-type]
+
+
+def _target_rows(targets: Sequence[Pose] | ArrayLike) -> Array:
+    if isinstance(targets, Sequence) and all(isinstance(target, Pose) for target in targets):
+        rows = [[*target.position, *target.quat_wxyz] for target in targets if isinstance(target, Pose)]
+        return np.array(rows, dtype=float).reshape(-1, 7)
+    rows_array = np.array(targets, dtype=float)
+    if rows_array.ndim != 2 or rows_array.shape[1] != 7 or not np.all(np.isfinite(rows_array)):
+        raise InputError(
+            f"the targets have shape {rows_array.shape}, or are not finite",
+            where="targets",
+            remedy="poses, or finite rows of position and quaternion wxyz (k, 7)",
+        )
+    length = np.linalg.norm(rows_array[:, 3:], axis=1)
+    if np.any(np.abs(length - 1.0) > 1e-3):
+        row = int(np.argmax(np.abs(length - 1.0)))
+        raise InputError(f"the quaternion of target {row} has length {length[row]:.6g}", where="targets")
+    rows_array[:, 3:] /= length[:, None]
+    return rows_array
+
+
+def _configurations(robot: Robot, values: ArrayLike, where: str) -> Array:
+    rows = np.array(values, dtype=float)
+    if rows.ndim != 2 or rows.shape[1] != robot.dof or not np.all(np.isfinite(rows)):
+        raise InputError(
+            f"configurations of shape {rows.shape}, or not finite",
+            where=where,
+            remedy=f"(k, {robot.dof}), finite",
+        )
+    return rows

@@ -60,9 +60,11 @@ def prove_cover(
     for piece in pieces:
         if piece.kind == "halfspace":
             raise InputError("no finite number of spheres covers a half-space", where=piece.name)
-        if np.any(farthest_distance(piece, c) <= r):
+        lower, upper = bounding_box(piece)
+        near = np.all((c + r[:, None] >= lower) & (c - r[:, None] <= upper), axis=1)
+        if np.any(farthest_distance(piece, c[near]) <= r[near]):
             continue
-        failed = _search(piece, c, r, resolution)
+        failed = _search(piece, c[near], r[near], resolution)
         if failed is not None:
             return failed
     return None
@@ -145,11 +147,10 @@ def farthest_distance(piece: Piece, points: Array) -> Array:
     return distance
 
 
-def first_cells(piece: Piece) -> tuple[Array, Array]:
-    """Centres (k, 3) and half edges (3,) of nearly cubic cells that fill the piece's bounding box."""
+def _first_cells(piece: Piece, edge: float) -> tuple[Array, Array]:
+    """Centres (k, 3) and half edges (3,) of cells of about `edge` metres that fill the piece's bounding box."""
     lower, upper = bounding_box(piece)
-    counts = np.ceil((upper - lower) / max(float((upper - lower).min()), 0.01)).astype(int)
-    counts = np.clip(counts, 1, 32)
+    counts = np.clip(np.ceil((upper - lower) / edge), 1, 64).astype(int)
     half = 0.5 * (upper - lower) / counts
     grid = np.meshgrid(*(np.arange(n) for n in counts), indexing="ij")
     return lower + half + 2 * half * np.stack([g.reshape(-1) for g in grid], axis=1), half
@@ -167,7 +168,7 @@ class _Outside:
 
 def _blocks(piece: Piece, c: Array, r: Array) -> Iterator[tuple[Array, Array, NDArray[np.int64]]]:
     """The first cells (1, 3) one by one, their half edges, and the balls that reach into each."""
-    cells, half = first_cells(piece)
+    cells, half = _first_cells(piece, max(2.0 * float(np.median(r)), 0.01) if len(r) else 1.0)
     for cell in cells:
         apart = np.linalg.norm(np.maximum(np.abs(cell - c) - half, 0.0), axis=1)
         yield cell[None], half, np.flatnonzero(apart <= r)

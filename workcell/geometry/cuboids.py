@@ -169,6 +169,26 @@ def free_spheres(
     return part.centres_world(robot.link_transforms(q[free])), np.array(part.radius)
 
 
+def select_cuboids(free_space: FreeSpace, centres: Array, radii: Array, *, most: int) -> FreeSpace:
+    """The at most `most` cuboids that together hold the most of the spheres, centres (k, m, 3), radii (m,); greedy."""
+    held = holds_spheres(free_space, centres, radii).reshape(-1, len(free_space))
+    left = np.ones(len(held), dtype=bool)
+    chosen: list[int] = []
+    while len(chosen) < min(most, len(free_space)):
+        gain = held[left].sum(axis=0)
+        if gain.max(initial=0) == 0:
+            break
+        chosen.append(int(np.argmax(gain)))
+        left &= ~held[:, chosen[-1]]
+    margin = None if free_space.margin is None else free_space.margin[chosen]
+    return FreeSpace(
+        free_space.lower[chosen],
+        free_space.upper[chosen],
+        margin=margin,
+        skipped_seeds=free_space.skipped_seeds,
+    )
+
+
 def _checked_bounds(bounds: ArrayLike, obstacles: Sequence[Piece]) -> Array:
     box = np.asarray(bounds, dtype=float)
     if box.shape != (2, 3) or not np.all(np.isfinite(box)) or np.any(box[0] >= box[1]):

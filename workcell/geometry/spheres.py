@@ -18,8 +18,9 @@ from workcell.errors import InputError
 from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.greedy import cover_union
 from workcell.geometry.pieces import model_pieces, move_piece, pieces_of_bodies, robot_pieces
+from workcell.geometry.subdivision import cover_by_cells, expected_count
 from workcell.geometry.types import Piece, SphereCover
-from workcell.pose import Array, Pose
+from workcell.pose import Array, Pose, read_only
 
 if TYPE_CHECKING:
     import mujoco
@@ -55,8 +56,34 @@ def cover_pieces(pieces: Sequence[Piece], overshoot: float) -> tuple[Array, Arra
             raise InputError("no finite number of spheres covers a half-space", where=piece.name)
     if not pieces:
         return np.zeros((0, 3)), np.zeros(0), np.zeros(0)
-    centres, radii = cover_union(pieces, overshoot)
-    return centres, radii, overshoots(pieces, centres, radii)
+    key = (float(overshoot), *(_key(piece) for piece in pieces))
+    if key not in _covers:
+        _covers[key] = _cover(pieces, overshoot)
+    return _covers[key]
+
+
+_covers: dict[object, tuple[Array, Array, Array]] = {}
+"""Covers already made, by content: a task asks for those of the same robot more than once."""
+
+_LARGE, _LARGE_UNION = 60, 90
+"""Balls beyond which a piece, or a union of them, is cut into cells: the search for few balls pays on small things."""
+
+
+def _cover(pieces: Sequence[Piece], overshoot: float) -> tuple[Array, Array, Array]:
+    counts = [expected_count(piece, overshoot) for piece in pieces]
+    few = _LARGE if sum(count for count in counts if count <= _LARGE) <= _LARGE_UNION else 0
+    parts = [cover_by_cells(piece, overshoot) for piece, n in zip(pieces, counts, strict=True) if n > few]
+    small = [piece for piece, n in zip(pieces, counts, strict=True) if n <= few]
+    if small:
+        parts.append(cover_union(small, overshoot))
+    centres, radii = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return read_only(centres), read_only(radii), read_only(overshoots(pieces, centres, radii))
+
+
+def _key(piece: Piece) -> object:
+    vertices = b"" if piece.vertices is None else piece.vertices.tobytes()
+    place = piece.pose.position.tobytes() + piece.pose.quat_wxyz.tobytes()
+    return piece.kind, place, piece.size.tobytes(), vertices
 
 
 def overshoots(pieces: Sequence[Piece], centres: ArrayLike, radii: ArrayLike) -> Array:

@@ -1,0 +1,256 @@
+"""`decompose`: a scene as sphere covers and free-space cuboids, with their measured quality."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from workcell.errors import ModelError
+from workcell.geometry.clearance import ObstacleArrays, robot_clearance
+from workcell.geometry.cover_proof import prove_cover
+from workcell.geometry.cuboids import (
+    biased_seeds,
+    covered_fraction,
+    free_spheres,
+    inflate_cuboids,
+    random_seeds,
+    select_cuboids,
+)
+from workcell.geometry.pieces import move_piece, robot_pieces, scene_obstacles
+from workcell.geometry.spheres import obstacle_cover, robot_cover
+from workcell.geometry.types import FreeSpace, Piece, SphereCover
+from workcell.model.robot import Robot
+from workcell.model.scene import Scene
+from workcell.pose import Array, Pose
+
+_BASE_SLACK = 5e-3
+"""Metres that a robot's base frame may lie inside an obstacle: it may stand in its mounting plate."""
+
+_BIASED_CONFIGURATIONS, _RANDOM_SEEDS, _SAMPLES = 8, 60, 200
+
+
+@dataclass(frozen=True, slots=True)
+class Decomposition:
+    """A scene as the planners see it.
+
+    Attributes:
+        scene: name of the scene.
+        robot: its kinematics.
+        q: (n,) the configuration drawn: the robot's start.
+        robot_pieces: all of the robot's colliding geometry, in the world at `q`.
+        obstacles: all other colliding geometry, in the world.
+        robot_cover: outer spheres in link frames; link 0 is what no joint moves.
+        obstacle_cover: outer spheres in the world. Half-spaces have none.
+        free_space: cuboids, with their covered fraction.
+        metrics: counts, overshoots, coverage, times.
+    """
+
+    scene: str
+    robot: Robot
+    q: Array
+    robot_pieces: tuple[Piece, ...]
+    obstacles: tuple[Piece, ...]
+    robot_cover: SphereCover
+    obstacle_cover: SphereCover
+    free_space: FreeSpace
+    metrics: dict[str, Any]
+
+    def robot_spheres(self) -> tuple[Array, Array]:
+        """World centres (m, 3) and radii (m,) of the robot's spheres at `q`."""
+        T = self.robot.link_transforms(self.q)
+        return self.robot_cover.centres_world(T), np.array(self.robot_cover.radius)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values: spheres, cuboids and polytopes in the world frame, the configuration drawn, and the metrics."""
+        body_of = {piece.name: piece.body for piece in (*self.robot_pieces, *self.obstacles)}
+        centres, radii = self.robot_spheres()
+        spheres = _sphere_rows("robot", self.robot_cover.source, body_of, centres, radii)
+        cover = self.obstacle_cover
+        spheres += _sphere_rows("obstacle", cover.source, body_of, cover.centre, cover.radius)
+        return {
+            "spheres": spheres,
+            "q": self.q.tolist(),
+            "cuboids": [
+                {"lower": low.tolist(), "upper": high.tolist()}
+                for low, high in zip(self.free_space.lower, self.free_space.upper, strict=True)
+            ],
+            "polytopes": [],
+            "metrics": dict(self.metrics),
+        }
+
+
+def decompose(
+    scene: Scene,
+    robot: str | None = None,
+    *,
+    overshoot: float = 0.02,
+    seed: int = 0,
+    progress: Callable[[], object] | None = None,
+) -> Decomposition:
+    """Cover a scene's robot and obstacles with spheres, and its free space with cuboids; prove and measure all of it.
+
+    Args:
+        scene: the scene.
+        robot: the robot's name; None: the only one.
+        overshoot: metres that a sphere may stick out.
+        seed: of the random seeds and of the sampler that measures coverage.
+        progress: called after each of the four parts: robot cover, obstacle cover, free space, measurement.
+
+    Raises:
+        ModelError: an obstacle that contains the robot's base, or a geom that is not supported.
+    """
+    step = progress or (lambda: None)
+    actor = scene.robot(robot)
+    kinematics, q = actor.robot, np.array(actor.start)
+    times: dict[str, float] = {}
+    clock = time.perf_counter()
+
+    def lap(name: str) -> None:
+        nonlocal clock
+        times[name], clock = round(time.perf_counter() - clock, 4), time.perf_counter()
+        step()
+
+    cover = robot_cover(scene.model, actor, overshoot=overshoot, base=True)
+    lap("robot_cover_s")
+    obstacles = scene_obstacles(scene, actor.name)
+    check_base_is_free(kinematics, obstacles)
+    around = obstacle_cover(obstacles, overshoot=overshoot)
+    lap("obstacle_cover_s")
+    free_space = fill_free_space(kinematics, cover, obstacles, [q], seed=seed)
+    lap("free_space_s")
+    fraction = covered_fraction(free_space, kinematics, cover, obstacles, samples=_SAMPLES, seed=seed + 1)
+    links = robot_pieces(scene.model, actor)
+    metrics = {
+        **_cover_metrics("robot", links, cover, around, obstacles),
+        "cuboids": len(free_space),
+        "cuboid_margin_m": float(np.min(free_space.margin, initial=np.inf))
+        if free_space.margin is not None
+        else None,
+        "covered_fraction": fraction,
+        "skipped_seeds": free_space.skipped_seeds,
+        "obstacle_pieces": len(obstacles),
+    }
+    lap("measurement_s")
+    poses = [Pose.from_matrix(T) for T in kinematics.link_transforms(q)]
+    placed = [move_piece(piece, pose) for pose, link in zip(poses, links, strict=True) for piece in link]
+    measured = FreeSpace(
+        free_space.lower, free_space.upper, fraction, free_space.margin, free_space.skipped_seeds
+    )
+    return Decomposition(
+        scene.name, kinematics, q, tuple(placed), obstacles, cover, around, measured, metrics | times
+    )
+
+
+def fill_free_space(
+    robot: Robot,
+    cover: SphereCover,
+    obstacles: Sequence[Piece],
+    configurations: Sequence[Array],
+    *,
+    seed: int = 0,
+    most: int = 12,
+) -> FreeSpace:
+    """Cuboids from seeds along the given configurations, random free ones, and the whole workspace; the best of them.
+
+    Args:
+        robot, cover, obstacles: what moves among what.
+        configurations: (n,) each, that the free space must serve.
+        seed: of the random configurations and seeds.
+        most: number of cuboids to keep, those that hold the most of the robot's spheres.
+    """
+    rng = np.random.default_rng(seed)
+    moving = cover.link > 0
+    part = SphereCover(cover.link[moving], cover.centre[moving], cover.radius[moving], cover.kind)
+    packed = ObstacleArrays(obstacles)
+    drawn = robot.random_configuration(rng, 10 * _BIASED_CONFIGURATIONS)
+    free = drawn[(robot_clearance(robot, part, packed, drawn) >= 0).all(axis=1)][:_BIASED_CONFIGURATIONS]
+    bounds = workspace_box(robot)
+    seeds = np.vstack(
+        [
+            biased_seeds(robot, part, np.vstack([*(q[None] for q in configurations), free]), seed=seed),
+            random_seeds(bounds, _RANDOM_SEEDS, seed=seed),
+        ]
+    )
+    cuboids = inflate_cuboids(seeds, obstacles, bounds)
+    centres, radii = free_spheres(robot, part, packed, samples=_SAMPLES, seed=seed)
+    wanted = part.centres_world(robot.link_transforms(np.array(configurations)))
+    return select_cuboids(cuboids, np.concatenate([wanted, centres]), radii, most=most)
+
+
+def workspace_box(robot: Robot, slack: float = 0.2) -> Array:
+    """(2, 3) corners of a box around all that the robot can reach, with `slack` metres to spare."""
+    origin = robot.T_world_base.apply(robot.joint_xyz[0])
+    radius = robot.reach() + slack
+    return np.array([origin - radius, origin + radius])
+
+
+def check_base_is_free(robot: Robot, obstacles: Sequence[Piece]) -> None:
+    """Raise ModelError, naming them, when obstacles contain the robot's base."""
+    if not obstacles:
+        return
+    depth = ObstacleArrays(obstacles).distances(robot.T_world_base.position)
+    inside = [
+        f"{piece.name} ({-1e3 * d:.0f} mm deep)"
+        for piece, d in zip(obstacles, depth, strict=True)
+        if d < -_BASE_SLACK
+    ]
+    if inside:
+        raise ModelError(
+            f"the base of {robot.name} lies inside {', '.join(inside)}",
+            where=robot.name,
+            remedy="move the robot's mount or the obstacle",
+        )
+
+
+def _cover_metrics(
+    name: str,
+    links: Sequence[Sequence[Piece]],
+    cover: SphereCover,
+    around: SphereCover,
+    obstacles: Sequence[Piece],
+) -> dict[str, Any]:
+    moving = cover.link > 0
+    began = time.perf_counter()
+    proved = all(
+        prove_cover(pieces, cover.centre[cover.link == link], cover.radius[cover.link == link]) is None
+        for link, pieces in enumerate(links)
+    )
+    proof_s = time.perf_counter() - began
+    bounded = [piece for piece in obstacles if piece.kind != "halfspace"]
+    return {
+        "robot_spheres": int(moving.sum()),
+        "base_spheres": int((~moving).sum()),
+        **_overshoots(name, cover),
+        "robot_cover_proved": proved,
+        "robot_proof_s": round(proof_s, 4),
+        "obstacle_spheres": len(around),
+        **_overshoots("obstacle", around),
+        "obstacle_cover_proved": prove_cover(bounded, around.centre, around.radius) is None,
+    }
+
+
+def _overshoots(name: str, cover: SphereCover) -> dict[str, float]:
+    measured = np.zeros(1) if cover.overshoot is None or len(cover) == 0 else cover.overshoot
+    return {
+        f"{name}_overshoot_max_m": float(np.max(measured)),
+        f"{name}_overshoot_mean_m": float(np.mean(measured)),
+    }
+
+
+def _sphere_rows(
+    of: str, sources: Sequence[str], body_of: dict[str, str], centres: Array, radii: Array
+) -> list[dict[str, Any]]:
+    return [
+        {
+            "of": of,
+            "kind": "outer",
+            "body": body_of.get(source, source),
+            "centre": centre.tolist(),
+            "radius": float(radius),
+        }
+        for source, centre, radius in zip(sources, centres, radii, strict=True)
+    ]

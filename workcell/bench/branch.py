@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from workcell.geometry.types import Piece, SphereCover
-from workcell.ik.branch import inflation, problem_arrays
+from workcell.ik.branch_problem import inflation, problem_arrays
 from workcell.ik.exact import ExactDistances, ExactKinematics, smallest_clearance
 from workcell.ik.problem import IKProblem
 from workcell.model.robot import Robot, serial_robot
@@ -140,7 +140,9 @@ def descend(problem: IKProblem, q: Array, rng: np.random.Generator, name: str = 
         kept = contract(arrays.chain, state)
         lost = (planted < state.lower - EDGE) | (planted > state.upper + EDGE)
         if not kept or np.any(lost):
-            return Descent(boxes, 1, f"{name}: lost {planted.tolist()} in {lower.tolist()} .. {upper.tolist()}")
+            return Descent(
+                boxes, 1, f"{name}: lost {planted.tolist()} in {lower.tolist()} .. {upper.tolist()}"
+            )
         blocked = find_blocked(arrays.chain, state, arrays.world, sweep, -1)
         if blocked[0] >= 0:
             return Descent(boxes, 1, f"{name}: sphere {blocked[0]} called blocked by {blocked[1]}")
@@ -170,4 +172,4 @@ def _into(q: Array, root: Array) -> Array:
     """Angles moved by whole turns into the root box."""
     turn = 2 * np.pi
     moved: Array = q - turn * np.ceil((q - root[1] - EDGE) / turn) * (q > root[1] + EDGE)
-    return moved + turn * np.ceil((root[0] - EDGE - moved) / turn) * (moved < root[0] - EDGE)
+    return moved + turn * np.ceil((root[0] - EDGE - moved) / turn) * (moved < root[0] - EDGE)  # type: ignore[no-any-return]

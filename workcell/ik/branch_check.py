@@ -27,7 +27,7 @@ from workcell.geometry.types import Piece
 from workcell.ik.certificate import Certificate, problem_hash
 from workcell.ik.problem import IKProblem
 from workcell.model.robot import LIMIT_SLACK
-from workcell.pose import Array
+from workcell.pose import Array, quat_to_matrix
 
 LEAST_INFLATION = (1e-4, 1e-3)
 """Metres and radians that a proof must cover at least."""
@@ -179,7 +179,10 @@ def _walk(problem: IKProblem, data: Mapping[str, Array], longest: float) -> str 
 def _zero_links(problem: IKProblem) -> tuple[Array, Array]:
     """Rotations (n + 1, 3, 3) and positions (n + 1, 3) of the links in the world, all joints at zero."""
     robot = problem.robot
-    rotation, position = [problem.robot.T_world_base.rotation], [np.array(problem.robot.T_world_base.position)]
+    rotation, position = (
+        [problem.robot.T_world_base.rotation],
+        [np.array(problem.robot.T_world_base.position)],
+    )
     for k in range(robot.dof):
         position.append(position[-1] + rotation[-1] @ robot.joint_xyz[k])
         rotation.append(rotation[-1] @ robot.joint_rotation[k])
@@ -229,11 +232,11 @@ def _scene(problem: IKProblem, rotation: Array, position: Array, used: bool) -> 
         centres = np.einsum("mij,mj->mi", rotation[cover.link], cover.centre) + position[cover.link]
         spheres = np.column_stack([cover.link, centres, cover.radius])
         count = 0
-        for piece in problem.obstacles:
+        rotations = quat_to_matrix(np.array([piece.pose.quat_wxyz for piece in problem.obstacles]))
+        for piece, R in zip(problem.obstacles, rotations, strict=True):
             faces = _faces(piece)
-            size = np.pad(piece.size, (0, 3 - len(piece.size)))
-            pose = piece.pose
-            where = [*pose.rotation.ravel(), *pose.position, *size, count, count + len(faces)]
+            size = [*piece.size.tolist(), 0.0, 0.0, 0.0][:3]
+            where = [*R.ravel().tolist(), *piece.pose.position.tolist(), *size, count, count + len(faces)]
             rows.append([_KINDS[piece.kind], *where])
             triangles.append(faces)
             count += len(faces)
@@ -257,7 +260,9 @@ def _longest(problem: IKProblem) -> float:
     """An upper bound in metres on the distances that occur."""
     robot = problem.robot
     base = robot.T_world_base.position
-    reach = float(np.linalg.norm(robot.joint_xyz, axis=1).sum() + np.linalg.norm(robot.tool().T_link_tool.position))
+    reach = float(
+        np.linalg.norm(robot.joint_xyz, axis=1).sum() + np.linalg.norm(robot.tool().T_link_tool.position)
+    )
     lengths = [reach, float(np.linalg.norm(problem.target.position)), float(np.linalg.norm(base))]
     for piece in problem.obstacles if problem.cover is not None else ():
         size = piece.size.max(initial=0.0) + (0.0 if piece.vertices is None else np.abs(piece.vertices).max())

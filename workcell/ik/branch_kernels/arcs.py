@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from workcell.ik.branch_kernels.state import SLACK, kernel
+from workcell.ik.branch_kernels.state import SLACK, inner, kernel
 
 _TURN = 2.0 * np.pi
 
 
-@kernel
+@inner
 def gap_before(u: float, inner: float, outer: float) -> float:
     """How far to go up from `u` in [0, 2 pi) to reach the arcs inner <= |t| <= outer (mod 2 pi), inner <= outer <= pi."""
     if u <= outer:
@@ -19,7 +19,7 @@ def gap_before(u: float, inner: float, outer: float) -> float:
     return _TURN + inner - u
 
 
-@kernel
+@inner
 def clip_to_arcs(phase: float, inner: float, outer: float, lower: float, upper: float) -> tuple[float, float]:
     """Hull of {t in [lower, upper]: inner <= |t - phase + 2 pi k| <= outer}; lower > upper where that is empty."""
     if inner > 0.0:

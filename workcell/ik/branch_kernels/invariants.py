@@ -27,11 +27,11 @@ from workcell.ik.branch_kernels.motion import (
     point_radius,
     sine_between,
 )
-from workcell.ik.branch_kernels.state import SLACK, Chain, State, kernel, tighten
+from workcell.ik.branch_kernels.state import SLACK, Chain, State, inner, kernel, tighten
 from workcell.pose import Array
 
 
-@kernel
+@inner
 def _along(
     z: Array, x: float, y: float, w: float, extra: float, lines: Array, sweep: Array, first: int, last: int, step: int, tilt: float
 ) -> tuple[float, float]:  # fmt: skip
@@ -79,7 +79,9 @@ def contract_invariants(chain: Chain, state: State) -> bool:
                 return False
 
             inner, tilt = _along(m[:3], f[3], f[4], f[5], 0.0, lines, sweep, i - 2, -1, -1, 0.0)
-            outer, tilt = _along(m[:3], f[3], f[4], f[5], 0.0, others, sweeps, 0, beyond, 1, tilt + chain.ball[1])
+            outer, tilt = _along(
+                m[:3], f[3], f[4], f[5], 0.0, others, sweeps, 0, beyond, 1, tilt + chain.ball[1]
+            )
             radius = min(inner + outer + ball + SLACK, radius)
             value = m[0] * dx + m[1] * dy + m[2] * dz
             lower, upper = clip_to_band(
@@ -123,7 +125,7 @@ def contract_through(chain: Chain, state: State) -> bool:
     return True
 
 
-@kernel
+@inner
 def _through(chain: Chain, state: State, view: int, i: int, j: int, ranges: Array) -> bool:
     """Contract joint j of a view by the invariants about joint i >= j + 2, whose ranges are given."""
     joints = state.lower.shape[0]
@@ -185,7 +187,7 @@ def _through(chain: Chain, state: State, view: int, i: int, j: int, ranges: Arra
     return _contract(state, view, j, a, b, c, ranges[3, 0] - radius, ranges[3, 1] + radius)
 
 
-@kernel
+@inner
 def turning(
     ux: float, uy: float, uz: float, vx: float, vy: float, vz: float, z: Array
 ) -> tuple[float, float, float]:
@@ -196,16 +198,18 @@ def turning(
     return along, cosine, sine
 
 
-@kernel
-def _contract(
-    state: State, view: int, j: int, a: float, b: float, c: float, low: float, high: float
-) -> bool:
+@inner
+def _contract(state: State, view: int, j: int, a: float, b: float, c: float, low: float, high: float) -> bool:
     """Keep of the joint at index j of a view the departures t with low <= a + b cos t + c sin t <= high."""
     joint = j if view == 0 else state.lower.shape[0] - 1 - j
     centre = state.centre[joint]
     if view == 0:
-        lower, upper = clip_to_band(a, b, c, low, high, state.lower[joint] - centre, state.upper[joint] - centre)
+        lower, upper = clip_to_band(
+            a, b, c, low, high, state.lower[joint] - centre, state.upper[joint] - centre
+        )
     else:
         # From the target the joint turns the other way.
-        lower, upper = clip_to_band(a, b, -c, low, high, state.lower[joint] - centre, state.upper[joint] - centre)
+        lower, upper = clip_to_band(
+            a, b, -c, low, high, state.lower[joint] - centre, state.upper[joint] - centre
+        )
     return lower <= upper and tighten(state, joint, centre + lower, centre + upper)

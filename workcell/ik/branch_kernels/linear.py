@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from workcell.ik.branch_kernels.motion import distance_to_line
-from workcell.ik.branch_kernels.state import SLACK, Chain, State, kernel, tighten
+from workcell.ik.branch_kernels.state import SLACK, Chain, State, inner, kernel, tighten
 from workcell.pose import Array
 
 WIDEST = 1.2
@@ -55,7 +55,7 @@ def contract_linear(chain: Chain, state: State) -> bool:
     return _apply(chain, state, rows, radius, half, pivots)
 
 
-@kernel
+@inner
 def spread(weights: Array, radius: Array, lever: Array, ball: Array) -> float:
     """Largest value of weights (6,) . noise: remainders within `radius` (6,), the tolerance ball on `lever` (3,)."""
     u, v, w = weights[0], weights[1], weights[2]
@@ -68,7 +68,7 @@ def spread(weights: Array, radius: Array, lever: Array, ball: Array) -> float:
     return total + ball[0] * np.sqrt(u * u + v * v + w * w) + ball[1] * np.sqrt(a * a + b * b + c * c)  # type: ignore[no-any-return]
 
 
-@kernel
+@inner
 def _assemble(chain: Chain, state: State, middle: int, half: Array, rows: Array, radius: Array) -> bool:
     """Fill rows = [J | identity | rhs] and the remainder's radius; False where the sides are turned too far apart."""
     n = half.shape[0]
@@ -82,7 +82,9 @@ def _assemble(chain: Chain, state: State, middle: int, half: Array, rows: Array,
     trace = 0.0
     for a in range(3):
         for b in range(3):
-            D[a, b] = far[3 * a] * near[3 * b] + far[3 * a + 1] * near[3 * b + 1] + far[3 * a + 2] * near[3 * b + 2]
+            D[a, b] = (
+                far[3 * a] * near[3 * b] + far[3 * a + 1] * near[3 * b + 1] + far[3 * a + 2] * near[3 * b + 2]
+            )
         trace += D[a, a]
     if trace < 1.0:
         return False
@@ -108,7 +110,7 @@ def _assemble(chain: Chain, state: State, middle: int, half: Array, rows: Array,
     return True
 
 
-@kernel
+@inner
 def _near_side(lines: Array, p: Array, middle: int, half: Array, rows: Array, radius: Array) -> None:
     """The joints from the base to the middle link: columns and remainder."""
     n = half.shape[0]
@@ -145,7 +147,7 @@ def _near_side(lines: Array, p: Array, middle: int, half: Array, rows: Array, ra
         radius[3 + a] += outer**3 / 6.0
 
 
-@kernel
+@inner
 def _far_side(
     lines: Array, t: Array, middle: int, half: Array, D: Array, trace: float, skew: Array, rows: Array, radius: Array
 ) -> None:  # fmt: skip
@@ -192,14 +194,14 @@ def _far_side(
         radius[3 + a] += outer**3 / 6.0
 
 
-@kernel
+@inner
 def _cross(z: Array, x: float, y: float, w: float, out: Array) -> None:
     out[0] = z[1] * w - z[2] * y
     out[1] = z[2] * x - z[0] * w
     out[2] = z[0] * y - z[1] * x
 
 
-@kernel
+@inner
 def eliminate(rows: Array, radius: Array, ball: Array, lever: Array, half: Array, pivots: Array) -> None:
     """Gauss-Jordan with full pivoting on rows = [J | P | rhs]; pivots[r] is the joint solved for in row r, or -1.
 
@@ -213,7 +215,11 @@ def eliminate(rows: Array, radius: Array, ball: Array, lever: Array, half: Array
             if pivots[r] < 0:
                 noise = spread(rows[r, n : n + 6], radius, lever, ball)
                 for j in range(n):
-                    if taken[j] == 0.0 and abs(rows[r, j]) * half[j] > best * noise and abs(rows[r, j]) > 1e-6:
+                    if (
+                        taken[j] == 0.0
+                        and abs(rows[r, j]) * half[j] > best * noise
+                        and abs(rows[r, j]) > 1e-6
+                    ):
                         best, row, column = abs(rows[r, j]) * half[j] / noise, r, j
         if row < 0:
             return
@@ -230,7 +236,7 @@ def eliminate(rows: Array, radius: Array, ball: Array, lever: Array, half: Array
                 rows[r, column] = 0.0
 
 
-@kernel
+@inner
 def _apply(chain: Chain, state: State, rows: Array, radius: Array, half: Array, pivots: Array) -> bool:
     """Contract by every row: any joint in it lies where the others and the remainder allow."""
     n = half.shape[0]
@@ -268,7 +274,7 @@ def _apply(chain: Chain, state: State, rows: Array, radius: Array, half: Array, 
     return True
 
 
-@kernel
+@inner
 def _keep_tangent(state: State, rows: Array, radius: Array, pivots: Array, free: int) -> None:
     """Write how the joints follow the free one (see `contract_linear`)."""
     n = rows.shape[1] - 7

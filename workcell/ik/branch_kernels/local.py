@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from workcell.ik.branch_kernels.state import Chain, forward, kernel
+from workcell.ik.branch_kernels.state import Chain, forward, inner
 from workcell.ik.branch_kernels.world import World, signed_distance
 from workcell.pose import Array
 
@@ -20,7 +20,7 @@ _NEAR = 0.05
 """Residual (m) below which obstacles begin to count: a start that misses the pose is dropped before it costs more."""
 
 
-@kernel
+@inner
 def search_from(
     chain: Chain, world: World, lower: Array, upper: Array, q: Array, tolerance: Array, iterations: int
 ) -> bool:
@@ -78,7 +78,7 @@ def search_from(
     return False
 
 
-@kernel
+@inner
 def _pose_residual(chain: Chain, frames: Array, error: Array, J: Array) -> tuple[float, float]:
     """Residual (goal less frame), its Jacobian by joint angles, and the pose error (m, rad)."""
     n = frames.shape[0] - 2
@@ -115,7 +115,7 @@ def _pose_residual(chain: Chain, frames: Array, error: Array, J: Array) -> tuple
     return np.sqrt(away), turned
 
 
-@kernel
+@inner
 def _forgive(error: Array, away: float, turned: float, tolerance: Array) -> None:
     """Take from the residual what the tolerances allow, nearly."""
     for r in range(6):
@@ -123,7 +123,7 @@ def _forgive(error: Array, away: float, turned: float, tolerance: Array) -> None
         error[r] *= max(1.0 - allowed / size, 0.0) if size > 0.0 else 0.0
 
 
-@kernel
+@inner
 def _normal_equations(error: Array, J: Array, H: Array, g: Array) -> None:
     n = J.shape[1]
     for i in range(n):
@@ -138,7 +138,7 @@ def _normal_equations(error: Array, J: Array, H: Array, g: Array) -> None:
             H[j, i] = total
 
 
-@kernel
+@inner
 def _hinge(world: World, frames: Array, weight: float, H: Array, g: Array) -> tuple[float, float]:
     """Add the hinge of every sphere too near an obstacle to H and g; (penalty, smallest clearance less the wanted)."""
     n = frames.shape[0] - 2
@@ -184,7 +184,7 @@ def _hinge(world: World, frames: Array, weight: float, H: Array, g: Array) -> tu
     return penalty, smallest
 
 
-@kernel
+@inner
 def _solve(H: Array, g: Array) -> bool:
     """Solve H x = g by Cholesky, in place (x in g); False if H is not positive definite."""
     n = g.shape[0]

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from workcell.ik.branch_kernels.state import kernel
+from workcell.ik.branch_kernels.state import inner
 from workcell.pose import Array
 
 
-@kernel
+@inner
 def distance_to_line(x: float, y: float, z: float, line: Array) -> float:
     """Distance of a point to a line (its direction in [0:3], a point of it in [3:6])."""
     u, v, w = x - line[3], y - line[4], z - line[5]
@@ -24,7 +24,7 @@ def distance_to_line(x: float, y: float, z: float, line: Array) -> float:
     return np.sqrt(a * a + b * b + c * c)  # type: ignore[no-any-return]
 
 
-@kernel
+@inner
 def sine_between(x: float, y: float, z: float, line: Array) -> float:
     """Sine of the angle between a unit direction and a line's."""
     a = y * line[2] - z * line[1]
@@ -33,14 +33,14 @@ def sine_between(x: float, y: float, z: float, line: Array) -> float:
     return np.sqrt(a * a + b * b + c * c)  # type: ignore[no-any-return]
 
 
-@kernel
+@inner
 def ball_radius(x: float, y: float, z: float, ball: Array) -> float:
     """How far a point fixed to the target moves while the target varies in its tolerance ball."""
     u, v, w = x - ball[2], y - ball[3], z - ball[4]
     return (ball[0] + ball[1] * np.sqrt(u * u + v * v + w * w)) * (1.0 + ball[1])  # type: ignore[no-any-return]
 
 
-@kernel
+@inner
 def point_radius(x: float, y: float, z: float, lines: Array, sweep: Array, count: int) -> float:
     """Radius of a point under the first `count` joints of a view."""
     total = 0.0
@@ -50,7 +50,7 @@ def point_radius(x: float, y: float, z: float, lines: Array, sweep: Array, count
     return total
 
 
-@kernel
+@inner
 def direction_radius(x: float, y: float, z: float, lines: Array, sweep: Array, count: int) -> float:
     """The same for a direction."""
     total = 0.0

@@ -12,11 +12,11 @@ import numpy as np
 
 from workcell.ik.branch_kernels.arcs import clip_to_arcs
 from workcell.ik.branch_kernels.motion import ball_radius, direction_radius, point_radius
-from workcell.ik.branch_kernels.state import SLACK, Chain, State, kernel, tighten
+from workcell.ik.branch_kernels.state import SLACK, Chain, State, inner, kernel, tighten
 from workcell.pose import Array
 
 
-@kernel
+@inner
 def turn_arc(
     z: Array, ux: float, uy: float, uz: float, vx: float, vy: float, vz: float, radius: float
 ) -> tuple[float, float]:
@@ -42,7 +42,7 @@ def turn_arc(
     return np.arctan2(cross, ux * vx + uy * vy + uz * vz), width
 
 
-@kernel
+@inner
 def turn_joint(state: State, view: int, k: int, phase: float, width: float) -> bool:
     """Keep of the joint at index k of a view the departures within `width` of `phase`; False if none is left."""
     if width < 0.0:

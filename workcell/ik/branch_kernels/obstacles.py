@@ -14,7 +14,7 @@ import numpy as np
 
 from workcell.ik.branch_kernels.linear import spread
 from workcell.ik.branch_kernels.motion import ball_radius, distance_to_line
-from workcell.ik.branch_kernels.state import SLACK, Chain, State, kernel
+from workcell.ik.branch_kernels.state import SLACK, Chain, State, inner, kernel
 from workcell.ik.branch_kernels.world import BOX, World, signed_distance, to_local
 from workcell.pose import Array
 
@@ -75,7 +75,7 @@ def find_blocked(chain: Chain, state: State, world: World, sweep: Sweep, hint: i
     return -1, -1, 0.0
 
 
-@kernel
+@inner
 def blocked_bound(chain: Chain, state: State, world: World, s: int, o: int, sweep: Sweep) -> float:
     """Upper bound on the clearance of sphere s from obstacle o over the box (inf when their centres are apart)."""
     gradient = np.empty(3)
@@ -86,23 +86,28 @@ def blocked_bound(chain: Chain, state: State, world: World, s: int, o: int, swee
         return np.inf
     bound = depth + ball[3]
     if bound < world.clearance[0]:
-        return bound + SLACK
+        return bound + SLACK  # type: ignore[no-any-return]
     if sweep.rest[2] == 0.0:
         _bound_segment(chain, state, world.spheres[s], sweep)
     if world.obstacles[o, 0] == BOX:
-        return min(bound, _box_bound(chain, state, world.obstacles[o], sweep) - radius) + SLACK
+        return min(bound, _box_bound(chain, state, world.obstacles[o], sweep) - radius) + SLACK  # type: ignore[no-any-return]
     squares = 0.0
     for a in range(3):
-        squares += _extent(chain, state, sweep, 1.0 if a == 0 else 0.0, 1.0 if a == 1 else 0.0, 1.0 if a == 2 else 0.0) ** 2
+        squares += (
+            _extent(
+                chain, state, sweep, 1.0 if a == 0 else 0.0, 1.0 if a == 1 else 0.0, 1.0 if a == 2 else 0.0
+            )
+            ** 2
+        )
     rest = np.sqrt(squares)
     worst = -np.inf
     for e in range(2):
         end = sweep.ends[e]
         worst = max(worst, signed_distance(world, o, end[0], end[1], end[2], gradient))
-    return min(bound, worst + rest - radius) + SLACK
+    return min(bound, worst + rest - radius) + SLACK  # type: ignore[no-any-return]
 
 
-@kernel
+@inner
 def _box_bound(chain: Chain, state: State, row: Array, sweep: Sweep) -> float:
     """Largest signed distance to a box over the sweep, the extents along its axes taken one by one."""
     ax, ay, az = to_local(row, sweep.ends[0, 0], sweep.ends[0, 1], sweep.ends[0, 2])
@@ -120,7 +125,7 @@ def _box_bound(chain: Chain, state: State, row: Array, sweep: Sweep) -> float:
     return np.sqrt(squares) if squares > 0.0 else inside
 
 
-@kernel
+@inner
 def _extent(chain: Chain, state: State, sweep: Sweep, u: float, v: float, w: float) -> float:
     """How far the noise and the remainder reach along a unit direction."""
     weights = np.empty(6)
@@ -133,10 +138,10 @@ def _extent(chain: Chain, state: State, sweep: Sweep, u: float, v: float, w: flo
             extent += abs(along)
     if state.tangent[0, 0] > 0.0:
         extent += spread(weights, state.tangent[0, 3:9], state.tangent[0, 9:12], chain.ball)
-    return extent
+    return extent  # type: ignore[no-any-return]
 
 
-@kernel
+@inner
 def _bound_ball(chain: Chain, state: State, sphere: Array, sweep: Sweep) -> None:
     """The ball, from whichever end of the chain bounds the sphere's centre better."""
     joints = state.lower.shape[0]
@@ -160,7 +165,7 @@ def _bound_ball(chain: Chain, state: State, sphere: Array, sweep: Sweep) -> None
             sweep.rest[1], sweep.rest[2] = float(side), 0.0
 
 
-@kernel
+@inner
 def _bound_segment(chain: Chain, state: State, sphere: Array, sweep: Sweep) -> None:
     """The segment, on the side that `_bound_ball` chose; without a tangent every joint is noise of its own."""
     joints = state.lower.shape[0]
@@ -208,7 +213,7 @@ def _bound_segment(chain: Chain, state: State, sphere: Array, sweep: Sweep) -> N
     sweep.rest[0], sweep.rest[2] = rest + SLACK, 1.0
 
 
-@kernel
+@inner
 def _add(out: Array, scale: float, x: float, y: float, z: float) -> None:
     out[0] += scale * x
     out[1] += scale * y

@@ -12,7 +12,7 @@ from workcell.ik.branch_kernels.linear import contract_linear
 from workcell.ik.branch_kernels.local import search_from
 from workcell.ik.branch_kernels.neighbours import contract_neighbours
 from workcell.ik.branch_kernels.obstacles import Sweep, find_blocked
-from workcell.ik.branch_kernels.state import Chain, State, kernel, recentre
+from workcell.ik.branch_kernels.state import Chain, State, inner, kernel, recentre
 from workcell.ik.branch_kernels.world import World
 from workcell.pose import Array
 
@@ -55,7 +55,7 @@ def contract(chain: Chain, state: State) -> bool:
     """Shrink the box by all contractors until little changes; False if it holds no solution."""
     joints = state.lower.shape[0]
     width = np.empty(joints)
-    for round_ in range(ROUNDS):
+    for _ in range(ROUNDS):
         for k in range(joints):
             width[k] = state.upper[k] - state.lower[k]
         recentre(chain, state)
@@ -133,7 +133,7 @@ def run(
     return PAUSED
 
 
-@kernel
+@inner
 def _pick_start(state: State, tree: Tree) -> None:
     """Where the next local search begins: the box's centre and, in turn, a random place in a box still to come."""
     counts = tree.counts
@@ -152,7 +152,7 @@ def _pick_start(state: State, tree: Tree) -> None:
         tree.found[k] = lower + share * (upper - lower)
 
 
-@kernel
+@inner
 def _push(state: State, tree: Tree, node: Array, joint: int, value: float) -> None:
     """Put both halves on the stack and write the split down."""
     top = tree.counts[0]

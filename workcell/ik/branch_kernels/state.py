@@ -27,6 +27,14 @@ def kernel(function: Function) -> Function:
     return cast(Function, njit(cache=True, nogil=True, error_model="numpy")(function))
 
 
+def inner(function: Function) -> Function:
+    """The same for what only other kernels call: the wrappers for Python are left out, they take long to compile."""
+    compiled = njit(
+        cache=True, nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True
+    )
+    return cast(Function, compiled(function))
+
+
 class Chain(NamedTuple):
     """The robot and its target.
 
@@ -100,7 +108,7 @@ def recentre(chain: Chain, state: State) -> None:
                 line[6 + a] = frame[9 + a] + far * z
 
 
-@kernel
+@inner
 def _set_sweep(state: State, k: int) -> None:
     half = max(state.upper[k] - state.centre[k], state.centre[k] - state.lower[k])
     chord = 2.0 * np.sin(0.5 * min(half, np.pi)) + SLACK if half > 0.0 else 0.0
@@ -108,7 +116,7 @@ def _set_sweep(state: State, k: int) -> None:
     state.sweep[1, state.lower.shape[0] - 1 - k] = chord
 
 
-@kernel
+@inner
 def tighten(state: State, k: int, lower: float, upper: float) -> bool:
     """Intersect joint k's interval with [lower, upper]; False if nothing is left."""
     if lower - SLACK > state.lower[k]:
@@ -121,7 +129,7 @@ def tighten(state: State, k: int, lower: float, upper: float) -> bool:
     return True
 
 
-@kernel
+@inner
 def place(chain: Chain, q: Array, frames: Array) -> None:
     """Frames of all joints at `q` (N,), from the base (frames[0]) and, backwards, from the target (frames[1])."""
     joints = q.shape[0]
@@ -141,7 +149,7 @@ def place(chain: Chain, q: Array, frames: Array) -> None:
             P[9 + a] = B[9 + a] - P[3 * a] * f[9] - P[3 * a + 1] * f[10] - P[3 * a + 2] * f[11]
 
 
-@kernel
+@inner
 def forward(fixed: Array, q: Array, frames: Array) -> None:
     """Frames (N, 12) of all joints at `q` (N,), from the base."""
     for k in range(q.shape[0]):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from workcell.ik.branch_kernels.state import kernel
+from workcell.ik.branch_kernels.state import inner, kernel
 from workcell.pose import Array
 
 BOX, BALL, CAPSULE, CYLINDER, HALFSPACE, HULL = 0, 1, 2, 3, 4, 5
@@ -34,7 +34,7 @@ class World(NamedTuple):
     clearance: Array
 
 
-@kernel
+@inner
 def to_local(row: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
     """A point in an obstacle's frame."""
     u, v, w = x - row[10], y - row[11], z - row[12]
@@ -72,7 +72,7 @@ def signed_distance(world: World, index: int, x: float, y: float, z: float, grad
     return distance
 
 
-@kernel
+@inner
 def _box(u: float, v: float, w: float, hu: float, hv: float, hw: float) -> tuple[float, float, float, float]:
     su, sv, sw = 1.0 if u >= 0 else -1.0, 1.0 if v >= 0 else -1.0, 1.0 if w >= 0 else -1.0
     eu, ev, ew = abs(u) - hu, abs(v) - hv, abs(w) - hw
@@ -87,7 +87,7 @@ def _box(u: float, v: float, w: float, hu: float, hv: float, hw: float) -> tuple
     return length, su * eu / length, sv * ev / length, sw * ew / length
 
 
-@kernel
+@inner
 def _cylinder(u: float, v: float, w: float, radius: float, half: float) -> tuple[float, float, float, float]:
     rho = np.sqrt(u * u + v * v)
     cu, cv = (u / rho, v / rho) if rho > 1e-12 else (1.0, 0.0)
@@ -101,8 +101,10 @@ def _cylinder(u: float, v: float, w: float, radius: float, half: float) -> tuple
     return ez, 0.0, 0.0, side
 
 
-@kernel
-def hull_distance(world: World, index: int, u: float, v: float, w: float) -> tuple[float, float, float, float]:
+@inner
+def hull_distance(
+    world: World, index: int, u: float, v: float, w: float
+) -> tuple[float, float, float, float]:
     """Inside a hull: the nearest plane. Outside: the distance to a point of the hull that is nearly the nearest.
 
     The point is found by Frank-Wolfe steps with away directions folded in (pairwise over the last vertex); whatever

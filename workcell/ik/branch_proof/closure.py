@@ -23,10 +23,10 @@ from workcell.ik.branch_proof.vectors import (
     checked,
     cross,
     dot,
+    entry,
     minus,
     move,
     norm,
-    plus,
     screw,
     turn,
     vector,
@@ -71,7 +71,7 @@ class Box(NamedTuple):
     follow: Array
 
 
-@checked
+@entry
 def new_box(joints: int) -> Box:
     """Room for one."""
     return Box(
@@ -124,7 +124,7 @@ def narrow(box: Box, k: int, lower: float, upper: float) -> bool:
     box.lower[k] = max(box.lower[k], lower - EPS)
     box.upper[k] = min(box.upper[k], upper + EPS)
     update_chord(box, k)
-    return box.lower[k] <= box.upper[k]
+    return box.lower[k] <= box.upper[k]  # type: ignore[no-any-return]
 
 
 @checked
@@ -212,5 +212,3 @@ def invariant(kind: int, y: Vector, zy: Vector, x: Vector, zx: Vector, z: Vector
         a, b, c = wave(y, zx, z)
         return (dot(zx, x) - a, -b, -c)
     return wave(zy, zx, z)
-
-

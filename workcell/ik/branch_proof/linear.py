@@ -163,7 +163,10 @@ def _use(robot: Robot, box: Box, A: Array, bound: Array, lever: Array, owner: Ar
             low, high = A[r, joints + 6] - noise, A[r, joints + 6] + noise
             for j in range(joints):
                 if j != k:
-                    one, two = A[r, j] * (box.lower[j] - box.centre[j]), A[r, j] * (box.upper[j] - box.centre[j])
+                    one, two = (
+                        A[r, j] * (box.lower[j] - box.centre[j]),
+                        A[r, j] * (box.upper[j] - box.centre[j]),
+                    )
                     low, high = low - max(one, two), high - min(one, two)
             if k == 0:
                 # Joint 0 stands still: zero must be left.

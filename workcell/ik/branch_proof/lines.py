@@ -119,7 +119,7 @@ def _known(robot: Robot, box: Box, i: int, j: int, k: int) -> bool:
     j < i: joint j moves the near line, so it is between the base and it; j > k: the far line. Joints outside j, towards
     base or target, are counted as moving the other line, joints between j and its line as moving that line.
     """
-    joints, eps = box.lower.shape[0], robot.scale[0]
+    eps = robot.scale[0]
     near, far = box.sides[0, i], box.sides[1, k]
     y, zy, x, zx = vector(near, 3), vector(near, 0), vector(far, 6), vector(far, 0)
     if i == k and j < i:
@@ -161,7 +161,9 @@ def _radii_near(
     joints = box.lower.shape[0]
     move_y = wander(box, 0, j + 1, i, y)
     move_x = wander(box, 0, 0, j, x) + wander(box, 1, k + 1, joints, x) + in_ball(robot, x)
-    tilted = tilt(box, 0, j + 1, i, zy) + tilt(box, 0, 0, j, zx) + tilt(box, 1, k + 1, joints, zx) + robot.ball[1]
+    tilted = (
+        tilt(box, 0, j + 1, i, zy) + tilt(box, 0, 0, j, zx) + tilt(box, 1, k + 1, joints, zx) + robot.ball[1]
+    )
     along_y = move_x + advance(box, 0, i - 1, j + 1, -1, zy, x, box.chord[j] * off_axis(x, line), 0.0)[0]
     swing = box.chord[j] * off_axis(y, line)
     part, turned = advance(box, 1, k + 1, joints - 1, 1, zx, y, swing, 0.0)
@@ -178,7 +180,9 @@ def _radii_far(
     joints = box.lower.shape[0]
     move_x = wander(box, 1, k + 1, j, x)
     move_y = wander(box, 1, j + 1, joints, y) + wander(box, 0, 0, i, y) + in_ball(robot, y)
-    tilted = tilt(box, 1, k + 1, j, zx) + tilt(box, 1, j + 1, joints, zy) + tilt(box, 0, 0, i, zy) + robot.ball[1]
+    tilted = (
+        tilt(box, 1, k + 1, j, zx) + tilt(box, 1, j + 1, joints, zy) + tilt(box, 0, 0, i, zy) + robot.ball[1]
+    )
     along_x = move_y + advance(box, 1, k + 1, j - 1, 1, zx, y, box.chord[j] * off_axis(y, line), 0.0)[0]
     swing = box.chord[j] * off_axis(x, line)
     part, turned = advance(box, 0, i - 1, 0, -1, zy, x, swing, 0.0)

@@ -32,7 +32,11 @@ def collides(robot: Robot, box: Box, scene: Scene, s: int, o: int, clearance: fl
     limit = sphere[4] + clearance - robot.scale[0]
     for side in range(2):
         x = move(box.motions[side, link], vector(sphere, 1))
-        radius = wander(box, 0, 0, link + 1, x) if side == 0 else wander(box, 1, link + 1, joints, x) + in_ball(robot, x)
+        radius = (
+            wander(box, 0, 0, link + 1, x)
+            if side == 0
+            else wander(box, 1, link + 1, joints, x) + in_ball(robot, x)
+        )
         if _inside(scene, row, x, limit - radius):
             return True
         if _tube_inside(robot, box, scene, row, side, link, x, radius, limit):
@@ -42,7 +46,15 @@ def collides(robot: Robot, box: Box, scene: Scene, s: int, o: int, clearance: fl
 
 @checked
 def _tube_inside(
-    robot: Robot, box: Box, scene: Scene, row: Array, side: int, link: int, x: Vector, radius: float, limit: float
+    robot: Robot,
+    box: Box,
+    scene: Scene,
+    row: Array,
+    side: int,
+    link: int,
+    x: Vector,
+    radius: float,
+    limit: float,
 ) -> bool:
     """The same to second order: the point moves along a segment, with the joints' noise (or the joints) on top."""
     joints = box.lower.shape[0]
@@ -107,7 +119,9 @@ def _in_rounded_box(
     for axis in range(3):
         e = (row[1 + axis], row[4 + axis], row[7 + axis])
         farthest = max(abs(dot(e, minus(one, origin))), abs(dot(e, minus(two, origin))))
-        farthest = min(farthest + _reach(robot, box, shifts, e) + rest, abs(dot(e, minus(x, origin))) + radius)
+        farthest = min(
+            farthest + _reach(robot, box, shifts, e) + rest, abs(dot(e, minus(x, origin))) + radius
+        )
         squares += max(farthest - row[13 + axis], 0.0) ** 2
     return squares < limit * limit
 
@@ -121,10 +135,10 @@ def _inside(scene: Scene, row: Array, x: Vector, room: float) -> bool:
     if kind == HALFSPACE:
         return a[2] < room
     if kind == SPHERE:
-        return norm(a) - row[13] < room
+        return norm(a) - row[13] < room  # type: ignore[no-any-return]
     if kind == CAPSULE:
         beyond = max(abs(a[2]) - row[14], 0.0)
-        return norm((a[0], a[1], beyond)) - row[13] < room
+        return norm((a[0], a[1], beyond)) - row[13] < room  # type: ignore[no-any-return]
     if kind == HULL:
         return _inside_hull(scene, row, a, room)
     if kind == CYLINDER:
@@ -132,7 +146,7 @@ def _inside(scene: Scene, row: Array, x: Vector, room: float) -> bool:
     else:
         over = (abs(a[0]) - row[13], abs(a[1]) - row[14], abs(a[2]) - row[15])
     if max(over) <= 0.0 or room <= 0.0:
-        return max(over) < room
+        return max(over) < room  # type: ignore[no-any-return]
     return norm((max(over[0], 0.0), max(over[1], 0.0), max(over[2], 0.0))) < room
 
 

@@ -22,9 +22,17 @@ below 1e-11 for lengths below 3 m and the slack is scaled by `State.scale` beyon
 """
 
 
-def checked(function: Function) -> Function:
+def entry(function: Function) -> Function:
     """Compile on first use, cached on disk; no fast-math."""
     return cast(Function, njit(cache=True, nogil=True, error_model="numpy")(function))
+
+
+def checked(function: Function) -> Function:
+    """The same for what only compiled functions call."""
+    compiled = njit(
+        cache=True, nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True
+    )
+    return cast(Function, compiled(function))
 
 
 @checked
@@ -129,9 +137,7 @@ def angles_in_band(
 
 
 @checked
-def band_over(
-    a: float, b: float, c: float, lower: float, upper: float, eps: float
-) -> tuple[float, float]:
+def band_over(a: float, b: float, c: float, lower: float, upper: float, eps: float) -> tuple[float, float]:
     """Bounds on a + b cos t + c sin t over [lower, upper]: the ends, and the crests in between."""
     size = np.sqrt(b * b + c * c)
     one, two = b * np.cos(lower) + c * np.sin(lower), b * np.cos(upper) + c * np.sin(upper)

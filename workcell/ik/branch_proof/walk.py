@@ -7,7 +7,7 @@ import numpy as np
 from workcell.ik.branch_proof.closure import Box, Robot
 from workcell.ik.branch_proof.lines import contract
 from workcell.ik.branch_proof.obstacles import Scene, collides
-from workcell.ik.branch_proof.vectors import checked
+from workcell.ik.branch_proof.vectors import entry
 from workcell.pose import Array
 
 PROVED, TOO_SHORT, TOO_LONG, BAD_NODE, BAD_SPLIT, BAD_PAIR, UNPROVED, TOO_DEEP = 0, 1, 2, 3, 4, 5, 6, 7
@@ -15,7 +15,7 @@ KINEMATIC, OBSTACLE = -1.0, -2.0
 _DEPTH = 400
 
 
-@checked
+@entry
 def walk(
     robot: Robot,
     scene: Scene,
@@ -64,7 +64,7 @@ def walk(
                 return BAD_SPLIT, node
             if empty:
                 box.lower[joint], box.upper[joint] = 1.0, -1.0
-        elif code == KINEMATIC or code == OBSTACLE:
+        elif code in (KINEMATIC, OBSTACLE):
             if from_tree and code == OBSTACLE:
                 if pair >= pairs.shape[1]:
                     return BAD_PAIR, node

@@ -29,6 +29,9 @@ _PATIENCE = 6
 _TIGHTNESS = 2.5e-4
 """Metres: half the edge of the cells that decide how small each ball may be."""
 
+_PAD = 3.6e-4
+"""Metres added to every radius in the end: the largest diameter of the proof's smallest cells, so that it must succeed."""
+
 _CANDIDATES, _SAMPLES, _WORKING = 3000, 12_000, 1500
 """Largest numbers of possible centres, of samples, and of those samples that the search begins with."""
 
@@ -39,7 +42,7 @@ def cover_union(pieces: Sequence[Piece], overshoot: float) -> tuple[Array, Array
     samples = surface_samples(pieces, shape)
     working = samples[:_WORKING]
     candidates = _candidates(pieces, shape, overshoot)
-    aim = (1 - _SLACK) * overshoot
+    aim = (1 - _SLACK) * overshoot - _PAD
     centres = candidates[_greedy(candidates, aim - shape.nearest(candidates)[0], working)]
     for turn in range(200):
         centres, excess, worst = relax(shape, centres, working, aim)
@@ -48,11 +51,12 @@ def cover_union(pieces: Sequence[Piece], overshoot: float) -> tuple[Array, Array
             continue
         missed = _missed(shape, centres, samples, aim)
         if len(missed) == 0:
-            largest = overshoot - shape.nearest(centres)[0]
+            largest = overshoot - _PAD - shape.nearest(centres)[0]
             missed = fit_radii(pieces, centres, largest, largest, resolution=RESOLUTION)[1]
             if len(missed) == 0:
                 smallest = _reach(centres, largest, samples) + _TIGHTNESS
-                return centres, fit_radii(pieces, centres, largest, smallest, resolution=_TIGHTNESS)[0]
+                fitted = fit_radii(pieces, centres, largest, smallest, resolution=_TIGHTNESS)[0]
+                return centres, fitted + _PAD
             samples = np.vstack([samples, missed])
         working = np.vstack([working, missed])
         if turn >= _PATIENCE:

@@ -66,16 +66,18 @@ _covers: dict[object, tuple[Array, Array, Array]] = {}
 """Covers already made, by content: a task asks for those of the same robot more than once."""
 
 _LARGE, _LARGE_UNION = 60, 90
-"""Balls beyond which a piece, or a union of them, is cut into cells: the search for few balls pays on small things."""
+"""Balls beyond which a piece is cut into cells, and a union covered piece by piece: the search pays on small things."""
 
 
 def _cover(pieces: Sequence[Piece], overshoot: float) -> tuple[Array, Array, Array]:
     counts = [expected_count(piece, overshoot) for piece in pieces]
-    few = _LARGE if sum(count for count in counts if count <= _LARGE) <= _LARGE_UNION else 0
-    parts = [cover_by_cells(piece, overshoot) for piece, n in zip(pieces, counts, strict=True) if n > few]
-    small = [piece for piece, n in zip(pieces, counts, strict=True) if n <= few]
-    if small:
-        parts.append(cover_union(small, overshoot))
+    pairs = list(zip(pieces, counts, strict=True))
+    parts = [cover_by_cells(piece, overshoot) for piece, count in pairs if count > _LARGE]
+    small = [piece for piece, count in pairs if count <= _LARGE]
+    if sum(count for count in counts if count <= _LARGE) <= _LARGE_UNION:
+        parts += [cover_union(small, overshoot)] if small else []
+    else:
+        parts += [cover_union([piece], overshoot) for piece in small]
     centres, radii = (np.concatenate(column) for column in zip(*parts, strict=True))
     return read_only(centres), read_only(radii), read_only(overshoots(pieces, centres, radii))
 

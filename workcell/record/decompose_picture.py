@@ -42,8 +42,8 @@ def draw_decomposition(decomposition: Decomposition, path: str | Path) -> None:
             _frame(axes[row, column], f"{title}, {side}", window, across, up)
     metrics = decomposition.metrics
     figure.suptitle(
-        f"{decomposition.scene}: {metrics['robot_spheres']} robot spheres "
-        f"(at most {1e3 * metrics['robot_overshoot_max_m']:.0f} mm outside), "
+        f"{decomposition.scene}: {metrics['robot_spheres']} spheres on the arm, {metrics['base_spheres']} on its base, "
+        f"{metrics['obstacle_spheres']} on obstacles (at most {1e3 * metrics['robot_overshoot_max_m']:.0f} mm outside); "
         f"{metrics['cuboids']} cuboids that hold {100 * metrics['covered_fraction']:.1f} % of the free workspace",
         fontsize=14,
     )
@@ -67,9 +67,10 @@ def _draw_spheres(axes: Axes, d: Decomposition, across: int, up: int, sign: floa
         axes, d.obstacle_cover.centre[near], d.obstacle_cover.radius[near], across, up, _OBSTACLE, 0.06
     )
     centres, radii = d.robot_spheres()
-    _draw_balls(axes, centres, radii, across, up, _ROBOT, 0.25)
+    for part, alpha in ((d.robot_cover.link == 0, 0.03), (d.robot_cover.link > 0, 0.3)):
+        _draw_balls(axes, centres[part], radii[part], across, up, _ROBOT, alpha)
     _draw_outlines(axes, d.robot_pieces, across, up, sign, face="none", alpha=0.9)
-    return f"Spheres ({len(radii)} robot, {len(d.obstacle_cover)} obstacles)"
+    return "Spheres"
 
 
 def _draw_cuboids(axes: Axes, d: Decomposition, across: int, up: int, sign: float) -> str:
@@ -90,7 +91,7 @@ def _draw_cuboids(axes: Axes, d: Decomposition, across: int, up: int, sign: floa
             )
         )
     _draw_outlines(axes, d.robot_pieces, across, up, sign, face=_ROBOT, alpha=0.5)
-    return f"Free space ({len(d.free_space)} cuboids)"
+    return "Free space"
 
 
 def _draw_outlines(

@@ -7,6 +7,7 @@ self-motion curve. All of it is compiled when first called (`prepare` does so ah
 
 from __future__ import annotations
 
+import functools
 import time
 from typing import TYPE_CHECKING
 
@@ -56,30 +57,40 @@ POOL = 4
 """Solutions collected for each that is asked for."""
 DISTINCT = 0.05
 """Radians or metres by which two solutions differ in some joint, to count as two."""
+MANY_JOINTS = 8
+"""Joints from which near misses are refined: the self-motion is more than the curve that is walked."""
 NEARBY = 12
 """Seeds drawn near the reference where links may turn by little only."""
 
 
-def prepare() -> None:
-    """Import and compile (or load from the cache) what `solve_hjcd` calls, so that the first query is a quick one."""
+@functools.cache
+def prepare(refinement: bool = False) -> None:
+    """Import and compile (or load from the cache) what `solve_hjcd` calls, so that the first query is a quick one.
+
+    Args:
+        refinement: also what it calls for eight joints and more.
+    """
     entries = kernels()
     q, cost, first = np.zeros((1, 1)), np.zeros(1), np.zeros((0, 1))
     arm = entries.Arm(np.zeros((3, 13)), np.zeros((3, 1)))
     world = entries.World(np.zeros((0, 6)), np.zeros((2, 6)), np.zeros((0, 19)), np.zeros((0, 13)), 0.0)
     entries.solve_targets(arm, np.zeros((0, 7)), first, ACCURACY, 0, random_state(0), q, cost)
     entries.search(arm, world, np.zeros(7), first, ACCURACY, ACCURACY, 0, new_memory(1, 0), q[0])
+    if refinement:
+        refine_packed(arm, world, np.zeros(7), first, ACCURACY, q[0])
 
 
 def solve_hjcd(problem: IKProblem, budget: Budget, seed: int = 0) -> Candidate:
     """Look for a configuration until the budget (CPU seconds of this process) is spent.
 
     The first start is `q_reference` where there is one; `max_step` narrows the joint limits. Deterministic for a seed,
-    as far as the budget reaches. `stats["exhausted"]` is 1 where the search ended early because every restart of a long
+    as far as the budget reaches. Compilation is not charged. `stats["exhausted"]` is 1 where the search ended early because every restart of a long
     series led to configurations seen before: strong evidence that there is no solution, but no proof.
     """
-    deadline = time.process_time() + budget.cpu_s
     if budget.cpu_s <= 0:
         return Candidate()
+    prepare(refinement=problem.robot.dof >= MANY_JOINTS)
+    deadline = time.process_time() + budget.cpu_s
     if has_collisions(problem) or problem.checker is not None or problem.max_link_rotation is not None:
         return _Search(problem, seed).run(deadline)
     return _solve_free(problem, deadline, seed)
@@ -97,6 +108,7 @@ def sample_solutions(problem: IKProblem, count: int, seed: int = 0, budget: Budg
     """
     if count < 1:
         raise InputError(f"{count} solutions are none", where="count", remedy="at least 1")
+    prepare(refinement=problem.robot.dof >= MANY_JOINTS)
     deadline = time.process_time() + (budget or Budget(1.0)).cpu_s
     search = _Search(problem, seed)
     found: list[Array] = []
@@ -200,7 +212,7 @@ class _Search:
 
     def _refine(self, world: World, memory: Memory, q: Array) -> bool:
         """Quadratic programs from the nearest misses, into q; for arms whose self-motion is more than a curve."""
-        if self.problem.robot.dof < 8:
+        if self.problem.robot.dof < MANY_JOINTS:
             return False
         starts = [miss[3:] for miss in memory.misses if miss[0] > world.required - DEEPEST]
         starts = [q for q in starts if q.tobytes() not in self._refined]

@@ -152,10 +152,16 @@ def pack_obstacles(pieces: Sequence[Piece]) -> tuple[Array, Array]:
     rows[:, 0] = [KINDS[piece.kind] for piece in pieces]
     rows[:, 1:4] = np.concatenate([pose.position for pose in poses]).reshape(-1, 3)
     rows[:, 4:13] = _rotations(np.concatenate([pose.quat_wxyz for pose in poses]).reshape(-1, 4))
-    widths = np.array([size.size for size in sizes])
-    rows[:, 13:16][np.arange(3) < widths[:, None]] = np.concatenate(sizes)
-    rows[:, 16] = np.sqrt(np.einsum("ij,ij->i", rows[:, 13:16], rows[:, 13:16]))
+    flat = np.concatenate(sizes)
+    if len(flat) == 3 * len(pieces):
+        rows[:, 13:16] = flat.reshape(-1, 3)
+    else:
+        widths = np.array([len(size) for size in sizes])
+        rows[:, 13:16][np.arange(3) < widths[:, None]] = flat
+    rows[:, 16] = np.sqrt(rows[:, 13:16] ** 2 @ np.ones(3))
     kind = rows[:, 0]
+    if not kind.any():
+        return rows, np.zeros((0, 13))
     capsule = kind == KINDS["capsule"]
     rows[capsule, 16] = rows[capsule, 13] + rows[capsule, 14]
     for row in map(int, np.flatnonzero(kind == KINDS["hull"])):

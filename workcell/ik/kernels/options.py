@@ -25,23 +25,26 @@ _FAST = {"contract", "reassoc", "nsz", "arcp"}
 
 def kernel(function: Function) -> Function:
     """Compile an entry point on first use, cached on disk, without the interpreter's lock."""
-    compiled: Function = _cached(njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)(function))
+    compiled: Function = _compiled(function, nogil=True)
     return compiled
 
 
 def inner(function: Function) -> Function:
     """Compile what only other kernels call: without the wrappers for Python and C, which cost compile time."""
-    options = {
-        "error_model": "numpy",
-        "fastmath": _FAST,
-        "no_cpython_wrapper": True,
-        "no_cfunc_wrapper": True,
-    }
-    compiled: Function = _cached(njit(cache=True, **options)(function))
+    compiled: Function = _compiled(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
     return compiled
 
 
-def _cached(compiled: Any) -> Any:
+def _compiled(function: Any, **options: bool) -> Any:
+    options_for_all = {"error_model": "numpy", "fastmath": _FAST, **options}
+    try:
+        return _stamped(njit(cache=True, **options_for_all)(function))
+    except RuntimeError:
+        # Neither the package's folder nor the user's cache can be written to: compile in every process.
+        return njit(**options_for_all)(function)
+
+
+def _stamped(compiled: Any) -> Any:
     """Let a cached kernel go stale with any file of this folder: numba looks at the kernel's own file only, not at those
     it calls into. There is no public way to say so; without the attribute numba's own rule holds.
     """

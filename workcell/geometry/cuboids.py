@@ -15,7 +15,7 @@ from workcell.geometry.types import FreeSpace, Piece, SphereCover
 from workcell.model.robot import Robot
 from workcell.pose import Array
 
-GAP = 1e-6
+GAP = 1e-5
 """Metres that every cuboid keeps from every obstacle, so that rounding can't make them overlap."""
 
 FIRST_STEP, STEP_GROWTH = 0.01, 1.35

@@ -222,6 +222,6 @@ def test_what_it_does_not_take_is_refused_by_name() -> None:
     egg = Piece("egg", "ellipsoid", Pose.identity(), np.array([0.1, 0.2, 0.3]))
     with pytest.raises(InputError, match=r"egg.*ellipsoid"):
         solve_branch(elbow_problem((egg,)), BUDGET)
-    bounded = dataclasses.replace(IKProblem(robot, Pose.identity()), max_link_rotation=0.5)
+    bounded = IKProblem(robot, Pose.identity(), q_reference=np.zeros(7), max_link_rotation=0.5)
     with pytest.raises(InputError, match="max_link_rotation"):
         solve_branch(bounded, BUDGET)

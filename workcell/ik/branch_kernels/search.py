@@ -18,7 +18,7 @@ from workcell.pose import Array
 
 DONE, FOUND, PAUSED, FULL = 0, 1, 2, 3
 """How a run of the search ended: every box excluded (or left), a configuration in `found`, node count reached, no room."""
-ROUNDS = 6
+ROUNDS = 8
 """Times the contractors are repeated on a box."""
 SHRINK = 0.85
 """Share of its width below which some joint must come for another round."""
@@ -61,14 +61,23 @@ def contract(chain: Chain, state: State) -> bool:
         recentre(chain, state)
         if not contract_neighbours(chain, state) or not contract_invariants(chain, state):
             return False
+        # The cheap contractors go on alone as long as they pay.
+        if _shrunk(state, width):
+            continue
         if not contract_through(chain, state) or not contract_linear(chain, state):
             return False
-        again = False
-        for k in range(1, joints - 1):
-            again = again or state.upper[k] - state.lower[k] < SHRINK * width[k]
-        if not again:
+        if not _shrunk(state, width):
             return True
     return True
+
+
+@inner
+def _shrunk(state: State, width: Array) -> bool:
+    """Whether some joint's interval is much narrower than `width` (N,)."""
+    for k in range(width.shape[0]):
+        if state.upper[k] - state.lower[k] < SHRINK * width[k]:
+            return True
+    return False
 
 
 @kernel

@@ -90,8 +90,9 @@ def new_state(joints: int) -> State:
 
 @kernel
 def recentre(chain: Chain, state: State) -> None:
-    """Move `centre` to the box's middle and compute the frames and lines there."""
+    """Move `centre` to the box's middle and compute the frames and lines there; what `tangent` said is void."""
     joints = state.lower.shape[0]
+    state.tangent[0, 0] = 0.0
     for k in range(joints):
         state.centre[k] = 0.5 * (state.lower[k] + state.upper[k])
         _set_sweep(state, k)

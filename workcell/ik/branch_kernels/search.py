@@ -74,10 +74,10 @@ def contract(chain: Chain, state: State) -> bool:
 @inner
 def _shrunk(state: State, width: Array) -> bool:
     """Whether some joint's interval is much narrower than `width` (N,)."""
+    shrunk = False
     for k in range(width.shape[0]):
-        if state.upper[k] - state.lower[k] < SHRINK * width[k]:
-            return True
-    return False
+        shrunk = shrunk or state.upper[k] - state.lower[k] < SHRINK * width[k]
+    return shrunk
 
 
 @kernel

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.ik.arms import beads, box, planar, random_arm, seven
+from workcell.errors import InputError
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.exact import ExactDistances, ExactKinematics
 from workcell.ik.problem import Clearance, IKProblem, Tolerances
@@ -245,6 +246,15 @@ def test_bounds_against_the_reference():
     assert verify(IKProblem(robot, robot.fk(q), max_link_rotation=turned + 1e-6, **near), q).accepted
     refused = verify(IKProblem(robot, robot.fk(q), max_link_rotation=turned - 1e-6, **near), q)
     assert "link2 turns" in refused.reasons[0]
+
+
+@pytest.mark.parametrize("bound", [float("nan"), 0.0, -1.0])
+def test_a_bound_on_link_rotation_that_makes_no_sense_is_bad_input(bound):
+    robot = seven()
+    with pytest.raises(InputError, match="max_link_rotation"):
+        IKProblem(robot, Pose.identity(), q_reference=np.zeros(7), max_link_rotation=bound)
+    with pytest.raises(InputError, match="needs q_reference"):
+        IKProblem(robot, Pose.identity(), max_link_rotation=0.5)
 
 
 def test_half_turns_are_measured():

@@ -65,3 +65,57 @@ def test_a_pair_that_may_touch_does_not_count(scene):
     ids = tuple(scene.model.geom(name).id for name in first.pair)
     second = CollisionModel(scene, allowed_geoms=[ids]).distance(q)
     assert second.pair != first.pair and second.distance >= first.distance
+
+
+FILTERS = """
+<mujoco model="filters">
+  <option>{flag}</option>
+  <worldbody>
+    <geom name="post" type="box" pos="0.3 0 0.2" size="0.1 0.1 0.2"/>
+    <geom name="ghost" type="sphere" pos="-0.3 0 0.1" size="0.15" contype="0" conaffinity="0"/>
+    <body name="base">
+      <geom name="foot" type="sphere" size="0.12"/>
+      <body name="one">
+        <joint name="a" axis="0 0 1" range="-3 3" limited="true"/>
+        <geom name="first" type="capsule" fromto="0 0 0 0.3 0 0" size="0.06"/>
+        <body name="two" pos="0.3 0 0">
+          <joint name="b" axis="0 1 0" range="-3 3" limited="true"/>
+          <geom name="second" type="capsule" fromto="0 0 0 0.2 0 0" size="0.06" contype="2" conaffinity="3"/>
+          <body name="rigid"><geom name="plate" type="box" pos="0.1 0 0" size="0.03 0.1 0.03"/></body>
+          <body name="three" pos="0.2 0 0">
+            <joint name="c" axis="0 1 0" range="-3 3" limited="true"/>
+            <geom name="third" type="capsule" fromto="0 0 0 0.25 0 0" size="0.06"/>
+            <site name="tool" pos="0.25 0 0"/>
+          </body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <contact>
+    <exclude body1="one" body2="three"/>
+    <pair geom1="third" geom2="ghost"/>
+    <pair geom1="first" geom2="third"/>
+  </contact>
+  <actuator><motor joint="a"/><motor joint="b"/><motor joint="c"/></actuator>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("flag", ["", '<flag filterparent="disable"/>'])
+def test_the_pairs_are_those_that_mujoco_itself_would_let_touch(tmp_path, flag):
+    path = tmp_path / "filters.xml"
+    path.write_text(FILTERS.format(flag=flag))
+    scene = Scene.load(path)
+    collision = CollisionModel(scene)
+    pairs = {frozenset(pair) for pair in collision.pairs}
+    data = mujoco.MjData(scene.model)
+    touching = set()
+    for q in np.random.default_rng(1).uniform(-3, 3, (300, 3)):
+        data.qpos[:] = q
+        mujoco.mj_forward(scene.model, data)
+        for geoms in data.contact.geom:
+            touching.add(frozenset(scene.model.geom(int(g)).name for g in geoms))
+    assert touching <= pairs
+    assert frozenset(("third", "ghost")) in touching and frozenset(("first", "third")) in touching
+    # the others never meet in this arm, or never as deep as these samples
+    assert all("post" in pair or "foot" in pair for pair in pairs - touching)

@@ -156,7 +156,7 @@ def test_blocked_and_not_found_are_told_apart(arm7, straight):
     limits = FollowLimits(max_halvings=0)
     for status, expected in (
         (Status.BLOCKED, FollowStatus.BLOCKED),
-        (Status.BLOCKED_IN_MODEL, FollowStatus.BLOCKED),
+        (Status.BLOCKED_IN_MODEL, FollowStatus.BLOCKED_IN_MODEL),
         (Status.NOT_FOUND, FollowStatus.NOT_FOUND),
     ):
         result = follow(template, straight, START, solver=solver(status), limits=limits)

@@ -101,6 +101,14 @@ class IKProblem:
             if np.any(~np.isfinite(step)) or np.any(step <= 0):
                 raise InputError("max_step must be positive", where="max_step")
             object.__setattr__(self, "max_step", read_only(step))
+        if self.max_link_rotation is not None:
+            if self.q_reference is None:
+                raise InputError("max_link_rotation needs q_reference", where="max_link_rotation")
+            if not self.max_link_rotation > 0:
+                raise InputError(
+                    f"max_link_rotation must be positive, not {self.max_link_rotation}",
+                    where="max_link_rotation",
+                )
 
     @property
     def T_base_tool(self) -> Pose:

@@ -15,6 +15,9 @@ from workcell.errors import InputError
 from workcell.model.scene import Scene, SceneObject, SceneRobot
 from workcell.pose import Array, Pose
 
+_FILTER_PARENT = 1 << 10
+"""MuJoCo's `mjDSBL_FILTERPARENT`, written out so that MuJoCo is not imported here."""
+
 
 @dataclass(frozen=True, slots=True)
 class Distance:
@@ -28,8 +31,8 @@ class Distance:
 class CollisionModel:
     """Smallest signed distance of one robot to everything else and to itself, at any configuration.
 
-    Geom pairs follow MuJoCo's own rules: contype and conaffinity, `<exclude>`, bodies welded together, and parent
-    with child. Other robots and free objects stand where `qpos` has them.
+    Geom pairs follow MuJoCo's own rules: contype and conaffinity, `<exclude>`, bodies welded together, parent with
+    child (unless the model disables that filter), and `<pair>`, which overrules them. Other robots and free objects stand where `qpos` has them.
 
     Args:
         scene: the scene.
@@ -165,11 +168,16 @@ def _colliding_pairs(
     ignored: Iterable[str],
 ) -> NDArray[np.int64]:
     model = scene.model
-    solid = [g for g in range(model.ngeom) if model.geom_contype[g] or model.geom_conaffinity[g]]
+    explicit = {frozenset((int(a), int(b))) for a, b in zip(model.pair_geom1, model.pair_geom2, strict=True)}
+    solid = [
+        g
+        for g in range(model.ngeom)
+        if model.geom_contype[g] or model.geom_conaffinity[g] or any(g in pair for pair in explicit)
+    ]
     body_of = model.geom_bodyid
     skip = {model.body(name).id for name in ignored}
     excluded = {(int(s) >> 16, int(s) & 0xFFFF) for s in model.exclude_signature}
-    excluded |= {(model.body(a).id, model.body(b).id) for a, b in allowed}
+    intended = {(model.body(a).id, model.body(b).id) for a, b in allowed}
     carriers = _hand_bodies(robot) if attached is not None else frozenset()
     pairs = []
     for i, first in enumerate(solid):
@@ -177,7 +185,10 @@ def _colliding_pairs(
             a, b = int(body_of[first]), int(body_of[second])
             if (a not in moving and b not in moving) or a in skip or b in skip:
                 continue
-            if (a, b) in excluded or (b, a) in excluded or _never_collides(model, first, second):
+            if (a, b) in intended or (b, a) in intended:
+                continue
+            filtered = (a, b) in excluded or (b, a) in excluded or _never_collides(model, first, second)
+            if filtered and frozenset((first, second)) not in explicit:
                 continue
             if attached is not None and _is_grip(a, b, attached, carriers):
                 continue
@@ -196,7 +207,8 @@ def _is_grip(a: int, b: int, attached: SceneObject, carriers: frozenset[int]) ->
 
 
 def _never_collides(model: object, first: int, second: int) -> bool:
-    """MuJoCo's own filter: bit masks, geoms of one rigid body, and parent with child (unless the parent is static)."""
+    """MuJoCo's own filter: bit masks, geoms of one rigid body, and parent with child (unless the parent is static,
+    or the model disables `filterparent`)."""
     m = model
     contype, conaffinity = m.geom_contype, m.geom_conaffinity  # type: ignore[attr-defined]
     if not (contype[first] & conaffinity[second] or contype[second] & conaffinity[first]):
@@ -205,6 +217,8 @@ def _never_collides(model: object, first: int, second: int) -> bool:
     a, b = int(weld[m.geom_bodyid[first]]), int(weld[m.geom_bodyid[second]])  # type: ignore[attr-defined]
     if a == b:
         return True
+    if m.opt.disableflags & _FILTER_PARENT:  # type: ignore[attr-defined]
+        return False
     parent = m.body_parentid  # type: ignore[attr-defined]
     parent_a, parent_b = int(weld[parent[a]]), int(weld[parent[b]])
     return a != 0 and b != 0 and (a == parent_b or b == parent_a)

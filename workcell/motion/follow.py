@@ -33,6 +33,7 @@ class FollowStatus(enum.Enum):
     FOLLOWED = "FOLLOWED"
     UNREACHABLE = "UNREACHABLE"
     BLOCKED = "BLOCKED"
+    BLOCKED_IN_MODEL = "BLOCKED_IN_MODEL"
     STEP_TOO_LARGE = "STEP_TOO_LARGE"
     COLLISION = "COLLISION"
     OFF_PATH = "OFF_PATH"
@@ -48,6 +49,8 @@ _SENTENCES = {
     FollowStatus.FOLLOWED: "A continuous motion along the whole tool path was found, and is clear between waypoints too.",
     FollowStatus.UNREACHABLE: "Kinematics alone forbids a pose of the path. Move the path or the robot's base.",
     FollowStatus.BLOCKED: "Obstacles forbid a pose of the path. Move the path or the obstacle.",
+    FollowStatus.BLOCKED_IN_MODEL: "No configuration of a pose of the path exists in the conservative model; "
+    "the real geometry may still allow one. Use a finer sphere cover or more free-space cuboids.",
     FollowStatus.STEP_TOO_LARGE: "The poses can be reached, but not by a continuous motion from this start. "
     "Start from another configuration of the first pose, or allow larger steps.",
     FollowStatus.COLLISION: "The robot would collide between two waypoints. Start from another configuration.",
@@ -56,6 +59,10 @@ _SENTENCES = {
     FollowStatus.NOT_FOUND: "No configuration was found for a pose of the path, and none was proved absent. "
     "Raise the solver's budget.",
 }
+
+
+_FINAL = (FollowStatus.UNREACHABLE, FollowStatus.BLOCKED, FollowStatus.BLOCKED_IN_MODEL)
+"""What is true of a pose however near the one before it is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,7 +246,7 @@ class _Tracker:
         reason: _StepError | None = None
         if result.q is None or not result.solved:
             reason = self._why_no_step(pose, result)
-            if reason.status in (FollowStatus.UNREACHABLE, FollowStatus.BLOCKED):
+            if reason.status in _FINAL:
                 raise reason
         else:
             reason = self._check_between(previous, pose, q_previous, result.q)
@@ -286,7 +293,8 @@ class _Tracker:
             )
             return _StepError(FollowStatus.STEP_TOO_LARGE, pose, detail, result)
         if anywhere.status in (Status.BLOCKED, Status.BLOCKED_IN_MODEL):
-            return _StepError(FollowStatus.BLOCKED, pose, anywhere.status.sentence, anywhere)
+            status = FollowStatus(anywhere.status.value)
+            return _StepError(status, pose, anywhere.status.sentence, anywhere)
         detail = f"no collision-free configuration was found ({anywhere.status.value})"
         return _StepError(FollowStatus.NOT_FOUND, pose, detail, anywhere)
 

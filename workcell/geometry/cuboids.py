@@ -169,12 +169,22 @@ def free_spheres(
     return part.centres_world(robot.link_transforms(q[free])), np.array(part.radius)
 
 
-def select_cuboids(free_space: FreeSpace, centres: Array, radii: Array, *, most: int) -> FreeSpace:
-    """The at most `most` cuboids that together hold the most of the spheres, centres (k, m, 3), radii (m,); greedy."""
+def select_cuboids(
+    free_space: FreeSpace, centres: Array, radii: Array, *, most: int, needed: Sequence[int] = ()
+) -> FreeSpace:
+    """The `needed` cuboids, and up to `most` others that together hold the most of the spheres; greedy.
+
+    Args:
+        free_space: k cuboids, largest first.
+        centres, radii: (c, m, 3) and (m,) metres.
+        most: how many besides the needed ones.
+        needed: indices of cuboids to keep in any case.
+    """
     held = holds_spheres(free_space, centres, radii).reshape(-1, len(free_space))
     left = np.ones(len(held), dtype=bool)
-    chosen: list[int] = []
-    while len(chosen) < min(most, len(free_space)):
+    chosen = list(needed)
+    left &= ~held[:, chosen].any(axis=1)
+    while len(chosen) < min(most + len(needed), len(free_space)):
         gain = held[left].sum(axis=0)
         if gain.max(initial=0) == 0:
             break

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from workcell.errors import ModelError
 from workcell.geometry.clearance import ObstacleArrays, robot_clearance
@@ -16,6 +17,7 @@ from workcell.geometry.cuboids import (
     biased_seeds,
     covered_fraction,
     free_spheres,
+    holds_spheres,
     inflate_cuboids,
     random_seeds,
     select_cuboids,
@@ -120,7 +122,8 @@ def decompose(
     check_base_is_free(kinematics, obstacles)
     around = obstacle_cover(obstacles, overshoot=overshoot)
     lap("obstacle_cover_s")
-    free_space = fill_free_space(kinematics, cover, obstacles, [q], seed=seed)
+    goals = np.array([goal.pose.position for goal in scene.goals.values() if goal.robot == actor.name])
+    free_space = fill_free_space(kinematics, cover, obstacles, [q], points=goals, seed=seed)
     lap("free_space_s")
     fraction = covered_fraction(free_space, kinematics, cover, obstacles, samples=_SAMPLES, seed=seed + 1)
     links = robot_pieces(scene.model, actor)
@@ -151,16 +154,18 @@ def fill_free_space(
     obstacles: Sequence[Piece],
     configurations: Sequence[Array],
     *,
+    points: ArrayLike = (),
     seed: int = 0,
     most: int = 12,
 ) -> FreeSpace:
-    """Cuboids from seeds along the given configurations, random free ones, and the whole workspace; the best of them.
+    """Cuboids from seeds at the given configurations and points, at random free ones, and anywhere; the best of them.
 
     Args:
         robot, cover, obstacles: what moves among what.
         configurations: (n,) each, that the free space must serve.
+        points: (k, 3) where free space is wanted, such as goals; the largest cuboid at each is kept.
         seed: of the random configurations and seeds.
-        most: number of cuboids to keep, those that hold the most of the robot's spheres.
+        most: number of other cuboids to keep, those that hold the most of the robot's spheres.
     """
     rng = np.random.default_rng(seed)
     moving = cover.link > 0
@@ -169,8 +174,10 @@ def fill_free_space(
     drawn = robot.random_configuration(rng, 10 * _BIASED_CONFIGURATIONS)
     free = drawn[(robot_clearance(robot, part, packed, drawn) >= 0).all(axis=1)][:_BIASED_CONFIGURATIONS]
     bounds = workspace_box(robot)
+    spots = np.asarray(points, dtype=float).reshape(-1, 3)
     seeds = np.vstack(
         [
+            spots,
             biased_seeds(robot, part, np.vstack([*(q[None] for q in configurations), free]), seed=seed),
             random_seeds(bounds, _RANDOM_SEEDS, seed=seed),
         ]
@@ -178,7 +185,9 @@ def fill_free_space(
     cuboids = inflate_cuboids(seeds, obstacles, bounds)
     centres, radii = free_spheres(robot, part, packed, samples=_SAMPLES, seed=seed)
     wanted = part.centres_world(robot.link_transforms(np.array(configurations)))
-    return select_cuboids(cuboids, np.concatenate([wanted, centres]), radii, most=most)
+    around = holds_spheres(cuboids, spots, np.zeros(len(spots)))
+    needed = sorted({int(np.argmax(row)) for row in around if row.any()})
+    return select_cuboids(cuboids, np.concatenate([wanted, centres]), radii, most=most, needed=needed)
 
 
 def workspace_box(robot: Robot, slack: float = 0.2) -> Array:

@@ -65,7 +65,7 @@ def cover_pieces(pieces: Sequence[Piece], overshoot: float) -> tuple[Array, Arra
 _covers: dict[object, tuple[Array, Array, Array]] = {}
 """Covers already made, by content: a task asks for those of the same robot more than once."""
 
-_LARGE, _LARGE_UNION = 60, 90
+_LARGE, _LARGE_UNION = 50, 90
 """Balls beyond which a piece is cut into cells, and a union covered piece by piece: the search pays on small things."""
 
 

@@ -1,5 +1,7 @@
 """The judge against pin, coal and closed forms, and everything it must refuse."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,6 +13,7 @@ from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.exact import ExactDistances, ExactKinematics
 from workcell.ik.problem import Clearance, IKProblem, Tolerances
 from workcell.ik.verify import verify
+from workcell.model.robot import Tool
 from workcell.pose import Pose, quat_to_matrix
 
 
@@ -246,6 +249,15 @@ def test_bounds_against_the_reference():
     assert verify(IKProblem(robot, robot.fk(q), max_link_rotation=turned + 1e-6, **near), q).accepted
     refused = verify(IKProblem(robot, robot.fk(q), max_link_rotation=turned - 1e-6, **near), q)
     assert "link2 turns" in refused.reasons[0]
+
+
+def test_joints_beyond_the_tool_are_bad_input():
+    # the solvers' models and proofs take the target for the pose of the last link
+    robot = seven()
+    elbow = replace(robot, tools={"elbow": Tool("elbow", 4, Pose.identity())}, default_tool="elbow")
+    with pytest.raises(InputError, match=r"elbow.*link 4 of 7.*chain"):
+        IKProblem(elbow, elbow.fk(np.zeros(7)))
+    assert IKProblem(elbow.chain(), elbow.fk(np.zeros(7))).robot.dof == 4
 
 
 @pytest.mark.parametrize("bound", [float("nan"), 0.0, -1.0])

@@ -30,8 +30,6 @@ WORTHWHILE = 0.5
 
 def prove_impossible(problem: IKProblem) -> Certificate | None:
     """A certificate by one of the elementary bounds, or None; costs well below a millisecond."""
-    if problem.robot.tool().link == 0:
-        return None
     return _prove_reach(problem) or _prove_last_link(problem)
 
 
@@ -41,10 +39,7 @@ def check_reach(problem: IKProblem, certificate: Certificate) -> str | None:
     refusal = _wrong_tolerances(problem, covered)
     if refusal is not None or covered is None:
         return refusal
-    joints = problem.robot.tool().link
-    if joints == 0:
-        return "no joint moves the tool"
-    if slides is None or slides.shape != (joints,) or not np.all(np.isfinite(slides)):
+    if slides is None or slides.shape != (problem.robot.dof,) or not np.all(np.isfinite(slides)):
         return "the points on the joint axes are missing or malformed"
     if ReachBound.of(problem).margin(covered, slides) <= 0:
         return "the distance to the target lies within the chain's reach"
@@ -59,8 +54,6 @@ def check_last_link(problem: IKProblem, certificate: Certificate) -> str | None:
         return refusal
     if problem.cover is None or not problem.obstacles:
         return "the problem has no spheres or no obstacles"
-    if problem.robot.tool().link == 0:
-        return "no joint moves the tool"
     if certificate.scope != _collision_scope(problem):
         return f"the scope {certificate.scope!r} claims too much: spheres prove it of {_collision_scope(problem)!r}"
     if _Depth.of(problem).deepest(covered)[0] <= 0:
@@ -74,7 +67,7 @@ class ReachBound:
 
     On each joint axis k stands the point `slides[k]` along it. Neighbours keep their distance (both are fixed to the
     link between them), the first is fixed to the base and the last to the tool, so that the sum of those distances
-    bounds the distance of the ends. A prismatic joint adds its travel. Only the n joints between base and tool count.
+    bounds the distance of the ends. A prismatic joint adds its travel.
 
     Attributes:
         axis, along: (n, 3) each joint's axis in its own link, and in the link before.
@@ -96,21 +89,19 @@ class ReachBound:
     def of(problem: IKProblem) -> ReachBound:
         """The bound's numbers for a problem."""
         robot, tool = problem.robot, problem.robot.tool()
-        moving = slice(tool.link)
-        axis, offset = robot.axis[moving], robot.joint_xyz[moving]
-        along = (robot.joint_rotation[moving] @ axis[:, :, None])[..., 0]
+        along = (robot.joint_rotation @ robot.axis[:, :, None])[..., 0]
         base, target, to_link = (
             robot.T_world_base.rotation,
             problem.target.rotation,
             tool.T_link_tool.rotation,
         )
-        in_tool = np.stack([-tool.T_link_tool.position, axis[-1]]) @ to_link
-        origin = base @ offset[0] + robot.T_world_base.position
+        in_tool = np.stack([-tool.T_link_tool.position, robot.axis[-1]]) @ to_link
+        origin = base @ robot.joint_xyz[0] + robot.T_world_base.position
         last = in_tool @ target.T
         last[0] += problem.target.position
-        travel = np.where(robot.prismatic, np.maximum(np.abs(robot.lower), np.abs(robot.upper)), 0.0)[moving]
+        travel = np.where(robot.prismatic, np.maximum(np.abs(robot.lower), np.abs(robot.upper)), 0.0).sum()
         first = np.stack([origin, base @ along[0]])
-        return ReachBound(axis, along, offset[1:], first, last, in_tool, float(travel.sum()))
+        return ReachBound(robot.axis, along, robot.joint_xyz[1:], first, last, in_tool, float(travel))
 
     def spans(self, slides: Array) -> Array:
         """(n - 1, 3) from each axis point to the next one, in the link between them."""
@@ -157,7 +148,7 @@ class ReachBound:
 def _prove_reach(problem: IKProblem) -> Certificate | None:
     wide, asked = _tolerances(problem)
     bound = ReachBound.of(problem)
-    slides = np.zeros(len(bound.axis))
+    slides = np.zeros(problem.robot.dof)
     if bound.margin(wide, slides) <= 0:
         plain = float(np.linalg.norm(bound.offset, axis=1).sum()) + bound.travel
         if float(np.linalg.norm(bound.ends(slides))) < WORTHWHILE * plain:
@@ -233,16 +224,15 @@ def _placed_spheres(problem: IKProblem) -> tuple[NDArray[np.int64], Array, Array
     robot, cover = problem.robot, problem.cover
     assert cover is not None
     tool = robot.tool()
-    last = tool.link - 1
     own = np.flatnonzero(cover.link == tool.link)
     points, stray = cover.centre[own], np.zeros(len(own))
-    if not robot.prismatic[last]:
+    if not robot.prismatic[-1]:
         before = np.flatnonzero(cover.link == tool.link - 1)
-        along = robot.joint_rotation[last] @ robot.axis[last]
-        from_axis = cover.centre[before] - robot.joint_xyz[last]
+        along = robot.joint_rotation[-1] @ robot.axis[-1]
+        from_axis = cover.centre[before] - robot.joint_xyz[-1]
         height = from_axis @ along
         stray = np.append(stray, np.linalg.norm(from_axis - height[:, None] * along, axis=1))
-        own, points = np.append(own, before), np.vstack([points, height[:, None] * robot.axis[last]])
+        own, points = np.append(own, before), np.vstack([points, height[:, None] * robot.axis[-1]])
     return own, (points - tool.T_link_tool.position) @ tool.T_link_tool.rotation, stray
 
 

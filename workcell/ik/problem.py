@@ -61,7 +61,7 @@ class IKProblem:
     """Bring a serial robot's tool to a pose, clear of obstacles.
 
     Attributes:
-        robot: serial (`Robot.chain(tool)`); its default tool is the one to place.
+        robot: serial (`Robot.chain(tool)`); its default tool, on its last link, is the one to place.
         target: `T_world_tool`.
         obstacles: convex pieces in the world frame.
         cover: spheres that stand for the robot in the solvers' model; None: no collision avoidance.
@@ -90,6 +90,13 @@ class IKProblem:
                 f"{self.robot.name} is a tree",
                 where="robot",
                 remedy="pass robot.chain(tool), the joints up to one tool",
+            )
+        tool = self.robot.tool()
+        if tool.link != self.robot.dof:
+            raise InputError(
+                f"the tool {tool.name!r} of {self.robot.name} sits on link {tool.link} of {self.robot.dof}",
+                where="robot",
+                remedy="choose a tool on the last link, or pass robot.chain(tool), the joints up to the tool",
             )
         if self.q_reference is not None:
             reference = self.robot.configuration(self.q_reference, where="q_reference")

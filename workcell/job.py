@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Any, NoReturn
 
-from workcell.errors import ModelError, UnknownNameError
+from workcell.errors import InputError, ModelError, UnknownNameError
 from workcell.ik.problem import IKProblem
 from workcell.ik.result import IKResult, Status
 from workcell.ik.solve import solve
+from workcell.model.contact import CollisionModel
 from workcell.model.data import find_task
 from workcell.model.scene import Scene
 from workcell.motion.dynamics import ChainDynamics
@@ -230,7 +231,7 @@ def run_task(
     Whatever happens, Ctrl-C included, what was recorded until then stays readable.
 
     Raises:
-        WorkcellError: bad input; OutputError: the folder can't be written.
+        WorkcellError: bad input, a start in collision among it; OutputError: the folder can't be written.
     """
     if planner not in PLANNERS:
         raise UnknownNameError("planner", planner, PLANNERS)
@@ -238,6 +239,7 @@ def run_task(
     path = find_task(task)
     script = _load_script(path)
     scene = Scene.load(path, robot=robot)
+    _check_starts(scene)
     folder = FilePath(out) if out is not None else FilePath("runs") / path.stem
     name = scene.name
     summary: dict[str, Any] = {
@@ -275,6 +277,19 @@ def run_task(
         recording_path,
         summary_path,
     )
+
+
+def _check_starts(scene: Scene) -> None:
+    """Raise InputError, with the pair and the depth, for a robot that stands in something before anything moves."""
+    for name, robot in scene.robots.items():
+        start = CollisionModel(scene, name).distance(robot.start)
+        if start.distance < 0:
+            first, second = start.pair
+            raise InputError(
+                f"the start is in collision: {first} and {second} overlap by {-1e3 * start.distance:.1f} mm",
+                where=f"{scene.path}: robot {name!r} start",
+                remedy="give a clear start, or move what it stands in; `workcell check` looks at the start alone",
+            )
 
 
 def _load_script(task_file: FilePath) -> Callable[[Job], None]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +77,7 @@ class Scene:
         model: the compiled MuJoCo model: the truth about geometry and dynamics.
         robots, objects, goals: by name.
         obstacles: names of the fixed bodies with collision geometry that belong to no robot and no object.
-        task: the `[task]` table of the task file.
+        task: the `[task]` table of the task file; a key that it lacks raises UnknownNameError.
     """
 
     name: str
@@ -90,8 +90,9 @@ class Scene:
     task: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in ("robots", "objects", "goals", "task"):
+        for name in ("robots", "objects", "goals"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+        object.__setattr__(self, "task", MappingProxyType(_Settings(self.task, self.path)))
 
     @staticmethod
     def load(source: str | Path, *, robot: str | None = None) -> Scene:
@@ -151,6 +152,17 @@ class Scene:
     def site_pose(self, name: str, qpos: Array | None = None) -> Pose:
         """World pose of a site, initially or at raw positions (nq,); raises UnknownNameError."""
         return site_pose(self.model, name, self.initial_qpos() if qpos is None else qpos, self.path)
+
+
+class _Settings(dict[str, Any]):
+    """The `[task]` table, which names the file when a script asks it for a key that it lacks."""
+
+    def __init__(self, table: Mapping[str, Any], path: Path) -> None:
+        super().__init__(table)
+        self._path = path
+
+    def __missing__(self, key: str) -> NoReturn:
+        raise UnknownNameError("key", key, self, where=f"{self._path}: [task]")
 
 
 def site_pose(model: mujoco.MjModel, name: str, qpos: Array, where: str | Path) -> Pose:

@@ -41,10 +41,33 @@ def test_robots(capsys):
     assert code == 0 and "sawyer" in out
 
 
-@pytest.mark.parametrize("name", ["sawyer", "ur10", "iiwa14", "shelf", "shelf_grasp"])
+@pytest.mark.parametrize("name", ["sawyer", "ur10", "iiwa14", "parallel_gripper", "shelf", "shelf_grasp"])
 def test_check_accepts_what_travels_with_workcell(capsys, name):
     code, out, _ = call(capsys, "check", name)
     assert code == exit_codes.DONE and "nothing wrong" in out
+
+
+def test_check_names_joints_that_nothing_moves(capsys, tmp_path):
+    path = tmp_path / "limp.xml"
+    path.write_text(
+        '<mujoco><worldbody><body><joint name="elbow"/><geom size="0.1"/></body></worldbody></mujoco>'
+    )
+    code, out, _ = call(capsys, "check", str(path))
+    assert code == exit_codes.BAD_INPUT and "no joint is actuated" in out and "elbow" in out
+
+
+def test_check_takes_a_urdf_in_the_working_folder(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="arm"><link name="base"/>'
+        '<link name="upper"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+        '</inertial></link><joint name="lift" type="revolute"><parent link="base"/><child link="upper"/>'
+        '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="5" velocity="1"/></joint></robot>'
+    )
+    code, out, err = call(capsys, "check", "arm.urdf")
+    assert (code, err) == (exit_codes.DONE, "") and "1 joints" in out
+    code, _, err = call(capsys, "check", "leg.urdf")
+    assert code == exit_codes.BAD_INPUT and "no such file" in err
 
 
 def test_ik_solves_and_says_so(capsys):

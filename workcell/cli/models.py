@@ -105,9 +105,16 @@ def _check_model(name: str) -> dict[str, Any]:
 
 
 def _check_robot(name: str) -> dict[str, Any]:
-    from workcell.model.load import load_compiled
+    from workcell.model.compiled import is_gripper, robot_from_model
+    from workcell.model.data import find_asset
+    from workcell.model.load import compile_spec, load_spec
 
-    _, robot = load_compiled(name)
+    path = find_asset("robots", name)
+    model = compile_spec(load_spec(path), path)
+    if is_gripper(model):
+        sites = ", ".join(model.site(site).name for site in range(model.nsite))
+        return {"file": name, "kind": "gripper", "contents": [f"tools {sites}"], "problems": []}
+    robot = robot_from_model(model, name=name, where=path)
     lines = [f"{robot.name}: {robot.dof} joints, reach {robot.reach():.3f} m, tools {', '.join(robot.tools)}"]
     for k, joint in enumerate(robot.joint_names):
         unit = "m" if robot.prismatic[k] else "rad"
@@ -139,9 +146,22 @@ def _check_scene(name: str) -> dict[str, Any]:
 
 
 def _scene_problems(scene: Scene) -> list[str]:
+    import mujoco
+
+    from workcell.model.compiled import is_gripper
     from workcell.model.contact import CollisionModel
 
     problems = []
+    model = scene.model
+    moving = {int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)}
+    joints = [
+        model.joint(j).name or f"number {j}" for j in range(model.njnt) if int(model.jnt_type[j]) in moving
+    ]
+    if joints and not scene.robots and not is_gripper(model):
+        problems.append(
+            f"no joint is actuated, so that there is no robot: {', '.join(joints)}; "
+            "add an <actuator> with a <motor joint=...> for every joint that workcell may move"
+        )
     for robot in scene.robots.values():
         start = CollisionModel(scene, robot.name).distance(robot.start)
         if start.distance < 0:

@@ -10,7 +10,7 @@ import numpy as np
 
 from workcell.errors import InputError, ModelError, UnknownNameError
 from workcell.model.compiled import actuator_of_joint, link_bodies, robot_from_model
-from workcell.model.data import find_asset, find_task, list_assets, list_tasks
+from workcell.model.data import find_asset, find_task, is_path, list_assets, list_tasks
 from workcell.model.load import compile_spec, load_spec
 from workcell.model.scene import Goal, Scene, SceneObject, SceneRobot, site_pose
 from workcell.model.taskfile import ObjectEntry, RobotEntry, TaskFile, read_task_file
@@ -80,7 +80,7 @@ def _task_of(source: str | Path, robot: str | None) -> TaskFile:
         if robot == entry.model:
             return task
         return replace(task, robots=(replace(entry, model=robot, start=None, gripper_site="tool"),))
-    if text not in list_assets("cells") and "/" not in text and not text.endswith(".xml"):
+    if text not in list_assets("cells") and not is_path(text):
         raise UnknownNameError("task or cell", text, [*list_tasks(), *list_assets("cells")])
     path = find_asset("cells", source)
     robots = () if robot is None else (RobotEntry(Path(robot).stem, robot),)

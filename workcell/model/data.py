@@ -29,6 +29,12 @@ def list_assets(kind: AssetKind) -> list[str]:
     return sorted(path.stem for path in (data_root() / "assets" / kind).glob("*.xml"))
 
 
+def is_path(name: str | Path) -> bool:
+    """Whether a model's name is a path: anything with a separator or the suffix of a model file."""
+    text = str(name)
+    return Path(text).suffix.lower() in _MODEL_SUFFIXES or "/" in text or "\\" in text
+
+
 def find_asset(kind: AssetKind, name: str | Path, *, relative_to: Path | None = None) -> Path:
     """The model file of a name (`assets/<kind>/<name>.xml`) or of a path.
 
@@ -41,7 +47,7 @@ def find_asset(kind: AssetKind, name: str | Path, *, relative_to: Path | None = 
         ModelError: the path does not exist; UnknownNameError: no asset of that name.
     """
     text = str(name)
-    if Path(text).suffix.lower() in _MODEL_SUFFIXES or "/" in text or "\\" in text:
+    if is_path(text):
         path = Path(text).expanduser()
         path = path if path.is_absolute() or relative_to is None else relative_to / path
         if not path.is_file():

@@ -28,7 +28,9 @@ def run(options: argparse.Namespace) -> int:
         print_json(result.summary)
     else:
         conditions = result.summary.get("conditions", {})
-        rows = [(key, value) for key, value in result.summary.items() if key not in ("sentence", "conditions")]
+        rows = [
+            (key, value) for key, value in result.summary.items() if key not in ("sentence", "conditions")
+        ]
         rows += [(name, "yes" if holds else "NO") for name, holds in conditions.items()]
         print_table(f"{result.summary['task']}: {result.sentence}", ["", "value"], rows)
         print(f"recording {result.recording}")

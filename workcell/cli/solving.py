@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +21,6 @@ def ik(options: argparse.Namespace) -> int:
     from workcell.ik.solve import check_solver_name, solve
 
     check_solver_name(options.solver)
-    _prepare(options.solver)
     target = Pose(np.array(options.pose[:3]), np.array(options.pose[3:]))
     problem = _problem(options, target)
     result = solve(problem, solver=options.solver, budget=Budget(options.budget_s), seed=options.seed)
@@ -34,20 +31,6 @@ def ik(options: argparse.Namespace) -> int:
     if result.solved:
         return exit_codes.DONE
     return exit_codes.IMPOSSIBLE if result.status.is_impossible else exit_codes.NOT_ACHIEVED
-
-
-def _prepare(solver: str) -> None:
-    """Compile the solver's kernels; say so on a terminal when it takes long, as it does on a machine's first use."""
-    from workcell.ik.solve import prepare
-
-    note = threading.Timer(3.0, lambda: print("compiling the solver (first use only) ...", file=sys.stderr))
-    note.daemon = True
-    if sys.stderr.isatty():
-        note.start()
-    try:
-        prepare(solver)
-    finally:
-        note.cancel()
 
 
 def _problem(options: argparse.Namespace, target: Pose) -> IKProblem:
@@ -121,7 +104,6 @@ def solve(options: argparse.Namespace) -> int:
     from workcell.ik.solve import check_solver_name
 
     check_solver_name(options.solver)
-    _prepare(options.solver)
     problem_set = load_problem_set(Path(options.set))
     out = Path(options.out) if options.out else None
     with progress_bar(f"solve {Path(options.set).name}", len(problem_set.problems)) as bar:

@@ -7,23 +7,42 @@ over it; a local search from its centre ends the tree with a solution; otherwise
 
 from __future__ import annotations
 
+import functools
 import time
 from typing import Any
 
 import numpy as np
 
 from workcell.errors import InputError
+from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.branch_check import seal, statement
 from workcell.ik.branch_problem import KINDS, inflation, problem_arrays
 from workcell.ik.certificate import Certificate, Scope, problem_hash
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import Candidate
 from workcell.ik.verify import Verifier
-from workcell.pose import Array
+from workcell.pose import Array, Pose
 
 MOST_NODES = 2_000_000
 """Size of the tree at which the search gives up: its memory."""
 _CHUNK = 500
+
+
+@functools.cache
+def prepare() -> None:
+    """Compile solver and checker, or load them from the cache, by deciding and re-checking one small problem."""
+    from workcell.ik.branch_check import check_branch
+    from workcell.model.robot import serial_robot
+
+    joint = {"quat": [1.0, 0.0, 0.0, 0.0], "axis": [0.0, 0.0, 1.0], "lower": -1.0, "upper": 1.0}
+    joints = [{**joint, "name": "a", "xyz": [0.0, 0.0, 0.1]}, {**joint, "name": "b", "xyz": [0.3, 0.0, 0.0]}]
+    arm = serial_robot("two", joints, Pose.from_xyz([0.2, 0.0, 0.0]))
+    ball = Piece("ball", "sphere", Pose.from_xyz([2.0, 0.0, 0.0]), np.array([0.1]))
+    cover = SphereCover(np.array([2]), np.zeros((1, 3)), np.array([0.05]))
+    problem = IKProblem(arm, Pose.from_xyz([0.1, 0.1, 0.1]), (ball,), cover)
+    candidate = solve_branch(problem, Budget(1e3))
+    if candidate.certificate is not None:
+        check_branch(problem, candidate.certificate)
 
 
 def solve_branch(problem: IKProblem, budget: Budget, seed: int = 0) -> Candidate:

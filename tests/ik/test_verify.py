@@ -239,6 +239,17 @@ def test_a_checker_decides_instead_of_the_spheres():
         assert words in verify(hit, q).reasons[0]
 
 
+def test_the_larger_of_two_pose_errors_counts():
+    robot, q = seven(), np.full(7, 0.3)
+    target = robot.fk(q)
+    agreeing = IKProblem(robot, target, tool_pose=robot.fk)
+    assert verify(agreeing, q).accepted
+    elsewhere = Pose.from_xyz([0.0, 0.002, 0.0]) @ target
+    verdict = verify(IKProblem(robot, target, tool_pose=lambda _: elsewhere), q)
+    assert not verdict.accepted and verdict.position_error == pytest.approx(0.002, abs=1e-9)
+    assert not verify(IKProblem(robot, elsewhere, tool_pose=lambda _: elsewhere), q).accepted
+
+
 def test_bounds_against_the_reference():
     robot, q = planar(), np.array([0.3, 0.8])
     near = {"q_reference": q - 0.05}

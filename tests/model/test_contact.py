@@ -59,6 +59,13 @@ def test_bounds_lose_no_pair(scene):
     assert {"floor", "board", "wedge"} <= nearest
 
 
+def test_a_site_stands_where_the_robot_has_its_tool(scene):
+    collision = CollisionModel(scene)
+    for q in np.random.default_rng(2).uniform(-3, 3, (20, 2)):
+        distance, angle = collision.site_pose("tool", q).error_to(scene.robot().robot.fk(q))
+        assert distance < 1e-9 and angle < 1e-9
+
+
 def test_a_pair_that_may_touch_does_not_count(scene):
     q = [0.0, 1.4]
     first = CollisionModel(scene).distance(q)

@@ -67,6 +67,8 @@ class IKProblem:
         cover: spheres that stand for the robot in the solvers' model; None: no collision avoidance.
         free_space: cuboids free of obstacles, for the solvers that need them; None: they make their own.
         checker: the truth about collisions that `verify` asks; None: the exact kernel on `cover` and `obstacles`.
+        tool_pose: where the compiled model has the tool at a configuration, for `verify`, which then asks both it and
+            its own kinematics; None: its own alone.
         q_reference: a configuration to stay near, and from which `max_step` is measured; None: anywhere.
         max_step: largest change of each joint against `q_reference` (scalar or (n,)), radians; None: no bound.
         max_link_rotation: bound r_b of Eq. 75 on the Frobenius change of each link's world rotation; None: no bound.
@@ -79,6 +81,7 @@ class IKProblem:
     cover: SphereCover | None = None
     free_space: FreeSpace | None = None
     checker: CollisionChecker | Callable[[Array], Clearance] | None = None
+    tool_pose: Callable[[Array], Pose] | None = None
     q_reference: Array | None = None
     max_step: Array | float | None = None
     max_link_rotation: float | None = None

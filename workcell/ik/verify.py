@@ -63,6 +63,9 @@ class Verifier:
         tool_rotation, tool_position = self._kinematics.tool(rotation, position)
         away = float(np.linalg.norm(tool_position - problem.target.position))
         turned = float(np.linalg.norm(rotation_vector(self._target_rotation @ tool_rotation.T)))
+        if problem.tool_pose is not None:
+            seen = problem.tool_pose(values).error_to(problem.target)
+            away, turned = max(away, seen[0]), max(turned, seen[1])
         clearance = self._clearance(values, rotation, position)
         reasons = [
             *self._pose_reasons(away, turned),
@@ -138,7 +141,8 @@ def verify(problem: IKProblem, q: ArrayLike) -> Verification:
     """Judge configuration `q` (n,) for `problem`, independently of every solver.
 
     Collisions are judged by `problem.checker` (the compiled model) where there is one, else by the exact kernel on
-    the problem's spheres and obstacles.
+    the problem's spheres and obstacles. The pose is judged by the exact kernel, and by `problem.tool_pose` (the
+    compiled model) too where there is one: the larger error counts.
     """
     return Verifier(problem)(q)
 

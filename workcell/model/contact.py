@@ -100,6 +100,13 @@ class CollisionModel:
             qpos[at + 3 : at + 7] = T_world_object.quat_wxyz
         return qpos
 
+    def site_pose(self, site: str, q: ArrayLike) -> Pose:
+        """World pose of one of the robot's sites (without its prefix) at `q` (n,), by MuJoCo's own kinematics."""
+        self._data.qpos[:] = self.full_qpos(q)
+        self._mujoco.mj_kinematics(self._model, self._data)
+        found = self._data.site(self.robot.prefix + site)
+        return Pose.from_rotation(found.xpos, found.xmat.reshape(3, 3))
+
     def distance(self, q: ArrayLike, *, limit: float = 10.0) -> Distance:
         """The smallest signed distance at `q` (n,), looked for up to `limit` metres."""
         return self.distance_at(self.full_qpos(q), limit=limit)

@@ -125,6 +125,7 @@ class PlanningWorld:
             cover=self.cover,
             free_space=self.free_space,
             checker=self.clearance,
+            tool_pose=self.tool_pose,
             q_reference=q_reference,
             tolerances=Tolerances(safety_margin=margin),
         )
@@ -133,6 +134,10 @@ class PlanningWorld:
         """Smallest signed distance on the compiled model at `q` (n,)."""
         found = self.collision.distance(q)
         return Clearance(found.distance, found.pair)
+
+    def tool_pose(self, q: Array) -> Pose:
+        """`T_world_tool` on the compiled model at `q` (n,)."""
+        return self.collision.site_pose(self.robot.robot.default_tool, q)
 
     def with_free_space_around(self, configurations: Iterable[Array]) -> PlanningWorld:
         """The same world with cuboids inflated around more configurations (k, n)."""

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 
 from workcell.errors import InputError
 from workcell.geometry.types import SphereCover
+from workcell.ik.problem import Clearance
 from workcell.motion.path import Path, Trajectory
-from workcell.motion.proof import cover_extent, motion_bound, prove_path, prove_segment, trajectory_clearance
+from workcell.motion.proof import motion_bound, prove_path, prove_segment, trajectory_clearance
 
 angle = st.floats(-2.5, 2.5)
 
@@ -98,7 +99,13 @@ def test_trajectory_slack_covers_the_bulge_between_samples(planar, planar_cover,
     assert trajectory_clearance(planar, trajectory, clear, planar_cover, every=2).proved
 
 
-def test_cover_extent_wants_spheres(planar_cover):
-    assert len(cover_extent(planar_cover, None, planar_cover)) == 24
-    with pytest.raises(InputError, match="spheres"):
-        cover_extent(None)
+@pytest.mark.parametrize("spheres", ["inner", "none"])
+def test_spheres_that_do_not_contain_the_robot_prove_nothing(planar, planar_cover, spheres):
+    cover = planar_cover
+    inner = SphereCover(cover.link, cover.centre, cover.radius, "inner")
+    extent = (
+        inner if spheres == "inner" else SphereCover(np.zeros(0, dtype=int), np.zeros((0, 3)), np.zeros(0))
+    )
+    q = np.zeros(planar.dof)
+    with pytest.raises(InputError, match="contain the moving robot"):
+        prove_segment(planar, q, q + 0.1, lambda _: Clearance(1.0, ("arm", "post")), extent)

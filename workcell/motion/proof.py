@@ -95,6 +95,9 @@ def prove_path(
         slack: (k - 1, n), or what broadcasts to it: how far the true motion may stray from each straight line.
         resolution: intervals whose joints move less than this (radians) are not halved further: the proof fails there.
         max_evaluations: collision queries to spend before giving up.
+
+    Raises:
+        InputError: inner spheres, or none although the robot has geometry.
     """
     stray = np.broadcast_to(np.asarray(slack, dtype=float), (len(path) - 1, path.robot.dof))
     queue: deque[tuple[float, float]] = deque([(0.0, float(len(path) - 1))])
@@ -104,6 +107,8 @@ def prove_path(
         middle = 0.5 * (begin + end)
         q = path.at(middle)
         found = checker(q)
+        if spent == 0:
+            _check_extent(extent, found)
         spent += 1
         if found.distance < smallest.distance or not np.isfinite(smallest.distance):
             smallest = found
@@ -155,19 +160,13 @@ def trajectory_clearance(
     return prove_path(Path(robot, trajectory.q[keep]), checker, extent, floor=floor, slack=slack)
 
 
-def cover_extent(*covers: SphereCover | None) -> SphereCover:
-    """One cover out of several: what `extent` takes for a robot with an attached object."""
-    parts = [cover for cover in covers if cover is not None and len(cover)]
-    if not parts:
-        raise InputError("a proof needs spheres that contain the moving robot", where="extent")
-    if len(parts) == 1:
-        return parts[0]
-    return SphereCover(
-        np.concatenate([cover.link for cover in parts]),
-        np.concatenate([cover.centre for cover in parts]),
-        np.concatenate([cover.radius for cover in parts]),
-        "outer",
-    )
+def _check_extent(extent: SphereCover, found: Clearance) -> None:
+    """Spheres that don't contain what the checker measures would prove too much."""
+    if extent.kind == "inner" or (len(extent) == 0 and any(found.pair)):
+        raise InputError(
+            f"a proof needs spheres that contain the moving robot, not {len(extent)} of kind {extent.kind!r}",
+            where="extent",
+        )
 
 
 def _half_widths(path: Path, stray: Array, begin: float, end: float, q: Array) -> Array:

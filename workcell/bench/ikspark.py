@@ -47,12 +47,10 @@ def far_problems(robot: str, n: int, seed: int) -> list[IKProblem]:
 def bench_ikspark_free(n: int, seed: int, robot: str = ROBOT) -> list[Row]:
     """Random reachable poses without obstacles: the convex method, with local search, and plain multi-start."""
     problems = reachable_problems(robot, n, seed)
-    # of the paper's Table III (Baxter, quaternions, with restarts): the nearest published figure
     return [
         row_of(
             f"{robot}/free/{solver}",
             _results(problems, solver, seed),
-            paper=0.928 if solver == "ikspark" else None,
         )
         for solver in ("ikspark", "ikspark+lm", "multistart")
     ]

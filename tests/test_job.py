@@ -1,5 +1,6 @@
 """A task that can't be begun is refused with one message, before anything is planned or written."""
 
+import json
 import shutil
 
 import pytest
@@ -7,6 +8,7 @@ import pytest
 from workcell.errors import InputError, ModelError, UnknownNameError
 from workcell.job import run_task
 from workcell.model.data import find_task
+from workcell.record.review import review
 
 
 @pytest.fixture
@@ -67,3 +69,17 @@ def test_an_interrupted_run_keeps_what_was_there(altered, tmp_path):
         run_task(path, out=out, say=lambda _: None)
     assert (out / "shelf_grasp.rrd").read_text() == (out / "shelf_grasp.json").read_text() == "an earlier run"
     assert (out / "shelf_grasp.partial.rrd").stat().st_size > 0
+
+
+def test_a_task_that_fails_early_leaves_a_whole_summary(altered, tmp_path):
+    path = altered("hold_s", "hold_s = 0.5")
+    path.with_suffix(".py").write_text("def run(job):\n    job.fail('NOT_FOUND', 'No way was found.')\n")
+    result = run_task(path, out=tmp_path / "out", say=lambda _: None)
+    assert not result.achieved and not result.impossible
+    written = json.loads(result.summary_path.read_text())
+    promised = (
+        "task robot planner seed achieved status planning_s wall_s min_clearance_m max_tracking_error_m"
+    )
+    assert set(promised.split()) <= set(written)
+    assert written["status"] == "NOT_FOUND" and written["min_clearance_m"] is None
+    assert not review(result.recording).achieved

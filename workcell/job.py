@@ -250,6 +250,9 @@ def run_task(
         "achieved": False,
         "status": "INTERRUPTED",
         "sentence": "The run was interrupted.",
+        "planning_s": 0.0,
+        "min_clearance_m": None,
+        "max_tracking_error_m": None,
     }
     recording_path, summary_path = folder / f"{name}.rrd", folder / f"{name}.json"
     recording = Recording(recording_path, task=name, seed=seed)

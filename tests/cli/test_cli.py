@@ -77,6 +77,14 @@ def test_ik_solves_and_says_so(capsys):
     assert len(answer["q"]) == 6 and answer["position_error_m"] < 1e-4
 
 
+def test_ik_takes_negative_numbers_with_an_exponent(capsys):
+    numbers = ("3.0", "-1e-3", "-.5", "1", "0", "0", "-1.0E-9")
+    code, out, _ = call(capsys, "ik", "iiwa14", "--pose", *numbers)
+    assert code == exit_codes.IMPOSSIBLE and out.startswith("UNREACHABLE")
+    code, _, err = call(capsys, "ik", "iiwa14", "--pose", "-inf", *"001000")
+    assert code == exit_codes.BAD_INPUT and "not finite" in err
+
+
 def test_ik_out_of_reach_is_proved(capsys):
     code, out, _ = call(capsys, "ik", "iiwa14", "--pose", "3", "0", "0.5", "1", "0", "0", "0")
     assert code == exit_codes.IMPOSSIBLE and out.startswith("UNREACHABLE")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import re
 from collections.abc import Callable
 
 Command = Callable[[argparse.Namespace], int]
@@ -135,6 +136,8 @@ def _add_solving(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
         metavar=("X", "Y", "Z", "QW", "QX", "QY", "QZ"),
         help="wanted world pose of the tool",
     )
+    # argparse alone takes -1e-3 for an option
+    ik._negative_number_matcher = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$|^-(inf|nan)$")
     ik.add_argument("--tool", metavar="SITE", help="the site to place (default: the robot's tool)")
     ik.add_argument("--cell", metavar="CELL", help="a cell or task with obstacles")
     _solver_options(ik)

@@ -4,26 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 
 def print_json(value: object) -> None:
     """One JSON document on standard output; numpy values become plain ones, NaN becomes null."""
+    from workcell.record.summary import plain
+
     print(json.dumps(plain(value), indent=2))
-
-
-def plain(value: Any) -> Any:
-    """Plain Python values that JSON can hold."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if hasattr(value, "tolist"):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple | set | frozenset):
-        return [plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from workcell.cli import exit_codes
-from workcell.cli.output import plain, print_json, print_table, progress_bar
+from workcell.cli.output import print_json, print_table, progress_bar
 from workcell.errors import InputError
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import IKResult
@@ -75,7 +75,7 @@ def _result_json(problem: IKProblem, result: IKResult) -> dict[str, Any]:
         if certificate is None
         else {"kind": certificate.kind, "statement": certificate.statement, "margin": certificate.margin},
         "rejected": result.rejected,
-        "stats": plain(result.stats),
+        "stats": result.stats,
     }
 
 

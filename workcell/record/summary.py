@@ -15,7 +15,7 @@ from workcell.errors import OutputError
 
 def to_json(values: Mapping[str, Any]) -> str:
     """JSON text of a dictionary: numpy arrays become lists, NaN and infinities null, paths text."""
-    return json.dumps(_plain(values), indent=2, allow_nan=False) + "\n"
+    return json.dumps(plain(values), indent=2, allow_nan=False) + "\n"
 
 
 def write_json_atomic(path: str | Path, values: Mapping[str, Any]) -> Path:
@@ -54,13 +54,14 @@ def _umask() -> int:
     return mask
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """Plain values that JSON can hold: arrays as lists, NaN and infinities as None, sets sorted, the rest as text."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):
-        return [_plain(item) for item in (sorted(value) if isinstance(value, (set, frozenset)) else value)]
+        return [plain(item) for item in (sorted(value) if isinstance(value, (set, frozenset)) else value)]
     if hasattr(value, "tolist"):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if value is None or isinstance(value, (bool, int, str)):

@@ -262,6 +262,12 @@ def test_bounds_against_the_reference():
     assert "link2 turns" in refused.reasons[0]
 
 
+@pytest.mark.parametrize("margin", [-0.01, float("nan"), float("inf")])
+def test_a_margin_that_allows_penetration_is_bad_input(margin):
+    with pytest.raises(InputError, match="safety margin"):
+        Tolerances(safety_margin=margin)
+
+
 def test_joints_beyond_the_tool_are_bad_input():
     # the solvers' models and proofs take the target for the pose of the last link
     robot = seven()

@@ -23,8 +23,10 @@ class Tolerances:
     safety_margin: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (self.position > 0 and self.rotation > 0 and np.isfinite(self.safety_margin)):
-            raise InputError("tolerances must be positive and the safety margin finite", where="tolerances")
+        if not (self.position > 0 and self.rotation > 0 and 0 <= self.safety_margin < np.inf):
+            raise InputError(
+                "tolerances must be positive and the safety margin finite, zero or more", where="tolerances"
+            )
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,7 +39,6 @@ class CollisionModel:
         robot: the robot's name; None: the only one.
         qpos: (nq,) raw positions of everything else; None: the initial ones.
         attached: (object name, T_tool_object): an object that the hand carries; it counts as robot.
-        allowed: pairs of body names whose contact is intended.
         ignored: bodies (names) that don't count at all, e.g. an object about to be grasped.
         allowed_geoms: pairs of geom ids whose contact is intended, e.g. an object and the board it stands on.
     """
@@ -51,7 +50,6 @@ class CollisionModel:
         *,
         qpos: ArrayLike | None = None,
         attached: tuple[str, Pose] | None = None,
-        allowed: Iterable[tuple[str, str]] = (),
         ignored: Iterable[str] = (),
         allowed_geoms: Iterable[tuple[int, int]] = (),
     ) -> None:
@@ -73,7 +71,7 @@ class CollisionModel:
                 )
             self._T_tool_object = attached[1]
         moving = set(self.robot.body_ids) | (self._attached.body_ids if self._attached else set())
-        self._pairs = _colliding_pairs(scene, moving, self._attached, self.robot, allowed, ignored)
+        self._pairs = _colliding_pairs(scene, moving, self._attached, self.robot, ignored)
         intended = {frozenset(pair) for pair in allowed_geoms}
         kept = [frozenset((int(a), int(b))) not in intended for a, b in self._pairs]
         self._pairs = self._pairs[np.array(kept, dtype=bool)]
@@ -171,7 +169,6 @@ def _colliding_pairs(
     moving: set[int],
     attached: SceneObject | None,
     robot: SceneRobot,
-    allowed: Iterable[tuple[str, str]],
     ignored: Iterable[str],
 ) -> NDArray[np.int64]:
     model = scene.model
@@ -184,15 +181,12 @@ def _colliding_pairs(
     body_of = model.geom_bodyid
     skip = {model.body(name).id for name in ignored}
     excluded = {(int(s) >> 16, int(s) & 0xFFFF) for s in model.exclude_signature}
-    intended = {(model.body(a).id, model.body(b).id) for a, b in allowed}
     carriers = _hand_bodies(robot) if attached is not None else frozenset()
     pairs = []
     for i, first in enumerate(solid):
         for second in solid[i + 1 :]:
             a, b = int(body_of[first]), int(body_of[second])
             if (a not in moving and b not in moving) or a in skip or b in skip:
-                continue
-            if (a, b) in intended or (b, a) in intended:
                 continue
             filtered = (a, b) in excluded or (b, a) in excluded or _never_collides(model, first, second)
             if filtered and frozenset((first, second)) not in explicit:

@@ -60,8 +60,8 @@ def bench_ikspark_far(n: int, seed: int, robot: str = ROBOT) -> list[Row]:
     """Poses out of reach: how many are certified, the certificates re-checked."""
     problems = far_problems(robot, n, seed)
     return [
-        row_of(f"{robot}/far/{solver}", _results(problems, solver, seed, budget), paper=paper)
-        for solver, paper, budget in (("ikspark", 1.0, BUDGET), ("multistart", None, Budget(0.05)))
+        row_of(f"{robot}/far/{solver}", _results(problems, solver, seed, budget))
+        for solver, budget in (("ikspark", BUDGET), ("multistart", Budget(0.05)))
     ]
 
 

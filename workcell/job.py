@@ -30,6 +30,8 @@ from workcell.record.summary import write_json_atomic
 from workcell.simulate.execution import Execution
 from workcell.simulate.simulation import Simulation
 
+TRACKING_ROOM = 0.001
+"""Metres that a timed motion keeps clear: the tracking error that the simulation may have."""
 PLANNERS = ("ikspark", "auto")
 
 
@@ -130,7 +132,9 @@ class Job:
     def retime(self, world: PlanningWorld, path: Path, tool_speed: float, what: str) -> Trajectory:
         """A timed motion along a path: its own clearance proved, its torques within the joints' limits."""
         trajectory = retime(path, tool_speed=tool_speed)
-        proof = trajectory_clearance(world.robot.robot, trajectory, world.clearance, world.cover)
+        proof = trajectory_clearance(
+            world.robot.robot, trajectory, world.clearance, world.cover, floor=TRACKING_ROOM
+        )
         if not proof.proved:
             self.fail("COLLISION", f"{what}: the timed motion is not clear: {proof.reason}")
         use = ChainDynamics(self.scene, world.robot.name, world.attached).use(trajectory)
@@ -141,7 +145,7 @@ class Job:
                 f"{what}: joint {use.joint} would need {share:.0%} of its effort limit. Move slower.",
             )
         self.say(
-            f"{what}: {trajectory.duration:.2f} s, proved clear, at most {use.share.max():.0%} of {use.joint}'s effort limit"
+            f"{what}: {trajectory.duration:.2f} s, proved {1e3 * TRACKING_ROOM:.0f} mm clear or more, at most {use.share.max():.0%} of {use.joint}'s effort limit"
         )
         return trajectory
 

@@ -52,7 +52,7 @@ class PlanningWorld:
         *,
         tool: str | None = None,
         overshoot: float = 0.02,
-        ignored: Iterable[str] = (),
+        approached: Iterable[str] = (),
         towards: Iterable[Array] = (),
         seed: int = 0,
     ) -> PlanningWorld:
@@ -63,21 +63,21 @@ class PlanningWorld:
             robot: the robot's name; None: the only one.
             tool: the site to place; None: the robot's own.
             overshoot: of the sphere cover, metres.
-            ignored: objects (by name) that count as free space, such as one about to be grasped.
+            approached: objects (by name) that the hand is to come closer to than its spheres allow, such as one about to be
+                grasped. They are left out of the planners' obstacles; the compiled model counts them as ever.
             towards: configurations (n,) that the free space should hold, besides the start.
             seed: of the free space's random seeds.
         """
         actor = scene.robot(robot)
         if tool is not None:
             actor = replace(actor, robot=replace(actor.robot, default_tool=actor.robot.tool(tool).name))
-        bodies = [scene.model.body(body).name for name in ignored for body in scene.object(name).body_ids]
         world = PlanningWorld(
             scene=scene,
             robot=actor,
             cover=robot_cover(scene.model, actor, overshoot=overshoot),
-            obstacles=scene_obstacles(scene, actor.name, exclude_objects=tuple(ignored)),
+            obstacles=scene_obstacles(scene, actor.name, exclude_objects=tuple(approached)),
             free_space=FreeSpace(np.zeros((0, 3)), np.zeros((0, 3))),
-            collision=CollisionModel(scene, actor.name, ignored=bodies),
+            collision=CollisionModel(scene, actor.name),
             overshoot=overshoot,
             seed=seed,
         )

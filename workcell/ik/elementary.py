@@ -6,15 +6,19 @@ that it covers and the hint (points on the joint axes) that makes the bound tigh
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from workcell.geometry.types import SphereCover
 from workcell.ik.certificate import Certificate, Scope, problem_hash
-from workcell.ik.exact import ExactDistances
+from workcell.ik.exact import exact_distances, target_rotation
 from workcell.ik.problem import IKProblem
+from workcell.ik.remember import ByIdentity
 from workcell.ik.verify import sphere_name
+from workcell.model.robot import Robot
 from workcell.pose import Array
 
 WIDE = np.array([1e-3, 1e-2, 1e-3])
@@ -62,6 +66,54 @@ def check_last_link(problem: IKProblem, certificate: Certificate) -> str | None:
 
 
 @dataclass(frozen=True, slots=True)
+class _Axes:
+    """A robot's joint axes with a point on each, `slides[k]` along axis k, as the reach bound needs them.
+
+    Attributes:
+        offset: (n - 1, 3) joint origins 2 ... n in the link before.
+        slope: (3 n - 3, n) what the slides add to the vectors from each point to the next, in the link between them.
+        squares, loads: (n - 1, n n) and (n - 1, n) those vectors' squared lengths: their Hessians, half their gradients.
+        first, in_tool: (2, 3) origin and direction of the first axis in the world, of the last one in the tool frame.
+        travel: metres that prismatic joints add.
+        plain: metres of the chain with the points at the joint origins.
+    """
+
+    offset: Array
+    slope: Array
+    squares: Array
+    loads: Array
+    first: Array
+    in_tool: Array
+    travel: float
+    plain: float
+
+    @staticmethod
+    def of(robot: Robot) -> _Axes:
+        """The axes of a robot, remembered."""
+        return _axes.get((robot,), lambda: _Axes._make(robot))
+
+    @staticmethod
+    def _make(robot: Robot) -> _Axes:
+        n, tool, base = robot.dof, robot.tool().T_link_tool, robot.T_world_base
+        along = (robot.joint_rotation @ robot.axis[:, :, None])[..., 0]
+        offset, links = robot.joint_xyz[1:], np.arange(n - 1)
+        slope = np.zeros((n - 1, 3, n))
+        slope[links, :, links], slope[links, :, links + 1] = -robot.axis[:-1], along[1:]
+        in_link = np.swapaxes(slope, 1, 2)
+        travel = np.where(robot.prismatic, np.maximum(np.abs(robot.lower), np.abs(robot.upper)), 0.0).sum()
+        return _Axes(
+            offset,
+            slope.reshape(-1, n),
+            (in_link @ slope).reshape(-1, n * n),
+            (in_link @ offset[..., None])[..., 0],
+            np.stack([base.rotation @ robot.joint_xyz[0] + base.position, base.rotation @ along[0]]),
+            np.stack([-tool.position, robot.axis[-1]]) @ tool.rotation,
+            float(travel),
+            float(np.linalg.norm(offset, axis=1).sum() + travel),
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class ReachBound:
     """The triangle inequality along points on the joint axes.
 
@@ -70,76 +122,56 @@ class ReachBound:
     bounds the distance of the ends. A prismatic joint adds its travel.
 
     Attributes:
-        axis, along: (n, 3) each joint's axis in its own link, and in the link before.
-        offset: (n - 1, 3) joint origins 2 ... n in the link before.
-        first, last: (2, 3) world points of the first and of the last axis: origin, direction. The last at the target.
-        in_tool: (2, 3) the last axis in the tool frame.
-        travel: metres that prismatic joints add.
+        axes: the robot's joint axes.
+        last: (2, 3) world points of the last axis at the target: origin, direction.
     """
 
-    axis: Array
-    along: Array
-    offset: Array
-    first: Array
+    axes: _Axes
     last: Array
-    in_tool: Array
-    travel: float
 
     @staticmethod
     def of(problem: IKProblem) -> ReachBound:
         """The bound's numbers for a problem."""
-        robot, tool = problem.robot, problem.robot.tool()
-        along = (robot.joint_rotation @ robot.axis[:, :, None])[..., 0]
-        base, target, to_link = (
-            robot.T_world_base.rotation,
-            problem.target.rotation,
-            tool.T_link_tool.rotation,
-        )
-        in_tool = np.stack([-tool.T_link_tool.position, robot.axis[-1]]) @ to_link
-        origin = base @ robot.joint_xyz[0] + robot.T_world_base.position
-        last = in_tool @ target.T
+        axes = _Axes.of(problem.robot)
+        last = axes.in_tool @ target_rotation(problem).T
         last[0] += problem.target.position
-        travel = np.where(robot.prismatic, np.maximum(np.abs(robot.lower), np.abs(robot.upper)), 0.0).sum()
-        first = np.stack([origin, base @ along[0]])
-        return ReachBound(robot.axis, along, robot.joint_xyz[1:], first, last, in_tool, float(travel))
+        return ReachBound(axes, last)
 
-    def spans(self, slides: Array) -> Array:
-        """(n - 1, 3) from each axis point to the next one, in the link between them."""
-        spans: Array = self.offset + self.along[1:] * slides[1:, None] - self.axis[:-1] * slides[:-1, None]
-        return spans
+    def lengths(self, slides: Array) -> Array:
+        """(n - 1,) metres from each axis point to the next one."""
+        spans = self.axes.offset + (self.axes.slope @ slides).reshape(-1, 3)
+        lengths: Array = np.sqrt(np.einsum("ij,ij->i", spans, spans))
+        return lengths
 
     def ends(self, slides: Array) -> Array:
         """(3,) from the first axis point to the last one at the target."""
-        between: Array = self.last[0] + slides[-1] * self.last[1] - self.first[0] - slides[0] * self.first[1]
+        first, last = self.axes.first, self.last
+        between: Array = last[0] + slides[-1] * last[1] - first[0] - slides[0] * first[1]
         return between
 
     def margin(self, covered: Array, slides: Array) -> float:
         """Metres by which the target lies beyond the chain's reach, or nearer than its shortest extent; else negative."""
-        lengths = np.sqrt((self.spans(slides) ** 2).sum(axis=1))
-        lever = float(np.linalg.norm(self.in_tool[0] + slides[-1] * self.in_tool[1]))
-        moved = covered[0] + covered[1] * lever + ROUNDING
-        distance = float(np.linalg.norm(self.ends(slides)))
-        total, longest = float(lengths.sum()) + self.travel, float(lengths.max(initial=0.0))
+        lengths = self.lengths(slides).tolist()
+        in_tool = self.axes.in_tool
+        lever = math.hypot(*(in_tool[0] + slides[-1] * in_tool[1]).tolist())
+        moved = float(covered[0]) + float(covered[1]) * lever + ROUNDING
+        distance = math.hypot(*self.ends(slides).tolist())
+        total, longest = math.fsum(lengths) + self.axes.travel, max(lengths, default=0.0)
         too_far = distance - moved - total
         too_near = longest - (total - longest) - distance - moved
-        return float(max(too_far, too_near))
+        return max(too_far, too_near)
 
     def tight_slides(self, iterations: int = 8) -> Array:
         """Points that make `distance - sum of lengths` large: its lengths majorised by quadratics (Weiszfeld), its
         distance by its tangent, which never lowers it."""
-        n = len(self.axis)
-        slides, pairs = np.zeros(n), np.stack([-self.axis[:-1], self.along[1:]], axis=2)
-        squares = np.swapaxes(pairs, 1, 2) @ pairs
-        loads = (np.swapaxes(pairs, 1, 2) @ self.offset[..., None])[..., 0]
+        axes, n = self.axes, self.axes.slope.shape[1]
+        slides, ridge = np.zeros(n), 1e-9 * np.eye(n)
         for _ in range(iterations):
-            weights = 1.0 / np.maximum(np.linalg.norm(self.spans(slides), axis=1), 1e-6)
+            weights = 1.0 / np.maximum(self.lengths(slides), 1e-6)
             between = self.ends(slides)
-            direction = between / max(float(np.linalg.norm(between)), 1e-12)
-            H, g = 1e-9 * np.eye(n), np.zeros(n)
-            for k in range(n - 1):
-                H[k : k + 2, k : k + 2] += weights[k] * squares[k]
-                g[k : k + 2] -= weights[k] * loads[k]
-            g[0] -= direction @ self.first[1]
+            direction = between / max(math.hypot(*between.tolist()), 1e-12)
+            H, g = ridge + (weights @ axes.squares).reshape(n, n), -(weights @ axes.loads)
+            g[0] -= direction @ axes.first[1]
             g[-1] += direction @ self.last[1]
             slides = np.clip(np.linalg.solve(H, g), -3.0, 3.0)
         return slides
@@ -150,8 +182,7 @@ def _prove_reach(problem: IKProblem) -> Certificate | None:
     bound = ReachBound.of(problem)
     slides = np.zeros(problem.robot.dof)
     if bound.margin(wide, slides) <= 0:
-        plain = float(np.linalg.norm(bound.offset, axis=1).sum()) + bound.travel
-        if float(np.linalg.norm(bound.ends(slides))) < WORTHWHILE * plain:
+        if math.hypot(*bound.ends(slides).tolist()) < WORTHWHILE * bound.axes.plain:
             return None
         slides = bound.tight_slides()
     for covered in (wide, asked):
@@ -186,54 +217,69 @@ def _prove_last_link(problem: IKProblem) -> Certificate | None:
 
 
 @dataclass(frozen=True, slots=True)
-class _Depth:
-    """Spheres that the target alone places: indices (s,), their gaps (s, k) to the obstacles there, how far their centres
-    may stray from there (s,), their distance (s,) to the tool point, and the clearance that is wanted."""
+class _Placed:
+    """Spheres whose place follows from the target: indices (s,), points in the tool frame (s, 3), how far the centres
+    stray from them (s,), the points' distances to the tool point (s,), and the radii (s,).
+
+    The tool's link has its place. A sphere of the link before it circles the last axis: it strays from its foot on that
+    axis by its distance to it.
+    """
 
     sphere: NDArray[np.int64]
-    gap: Array
+    in_tool: Array
     stray: Array
     lever: Array
+    radius: Array
+
+    @staticmethod
+    def of(robot: Robot, cover: SphereCover) -> _Placed:
+        """The spheres of a robot's cover, remembered."""
+        return _placed.get((robot, cover), lambda: _Placed._make(robot, cover))
+
+    @staticmethod
+    def _make(robot: Robot, cover: SphereCover) -> _Placed:
+        tool = robot.tool()
+        own = np.flatnonzero(cover.link == tool.link)
+        points, stray = cover.centre[own], np.zeros(len(own))
+        if not robot.prismatic[-1]:
+            before = np.flatnonzero(cover.link == tool.link - 1)
+            along = robot.joint_rotation[-1] @ robot.axis[-1]
+            from_axis = cover.centre[before] - robot.joint_xyz[-1]
+            height = from_axis @ along
+            stray = np.append(stray, np.linalg.norm(from_axis - height[:, None] * along, axis=1))
+            own, points = np.append(own, before), np.vstack([points, height[:, None] * robot.axis[-1]])
+        in_tool = (points - tool.T_link_tool.position) @ tool.T_link_tool.rotation
+        return _Placed(own, in_tool, stray, np.linalg.norm(in_tool, axis=1), cover.radius[own])
+
+
+_axes, _placed = ByIdentity(), ByIdentity()
+
+
+@dataclass(frozen=True, slots=True)
+class _Depth:
+    """Spheres that the target alone places, their gaps (s, k) to the obstacles there, and the clearance that is wanted."""
+
+    placed: _Placed
+    gap: Array
     wanted: float
 
     @staticmethod
     def of(problem: IKProblem) -> _Depth:
         assert problem.cover is not None
-        sphere, in_tool, stray = _placed_spheres(problem)
-        centres = in_tool @ problem.target.rotation.T + problem.target.position
-        gap = ExactDistances(problem.obstacles)(centres) - problem.cover.radius[sphere, None]
-        lever = np.linalg.norm(in_tool, axis=1)
-        return _Depth(sphere, gap, stray, lever, problem.tolerances.safety_margin)
+        placed = _Placed.of(problem.robot, problem.cover)
+        centres = placed.in_tool @ target_rotation(problem).T + problem.target.position
+        gap = exact_distances(problem.obstacles)(centres) - placed.radius[:, None]
+        return _Depth(placed, gap, problem.tolerances.safety_margin)
 
     def deepest(self, covered: Array) -> tuple[float, int, int]:
         """(metres beyond what the tolerances can undo, sphere, piece) of the worst sphere."""
         if self.gap.size == 0:
             return -np.inf, -1, -1
-        gaps = self.gap + (self.stray + covered[0] + covered[1] * self.lever)[:, None]
-        row, piece = divmod(int(np.argmin(gaps)), gaps.shape[1])
-        return float(self.wanted - covered[2] - ROUNDING - gaps[row, piece]), int(self.sphere[row]), piece
-
-
-def _placed_spheres(problem: IKProblem) -> tuple[NDArray[np.int64], Array, Array]:
-    """Spheres whose place follows from the target: indices (s,), points in the tool frame (s, 3), and how far the
-    centres stray from them.
-
-    The tool's link has its place. A sphere of the link before it circles the last axis: it strays from its foot on that
-    axis by its distance to it.
-    """
-    robot, cover = problem.robot, problem.cover
-    assert cover is not None
-    tool = robot.tool()
-    own = np.flatnonzero(cover.link == tool.link)
-    points, stray = cover.centre[own], np.zeros(len(own))
-    if not robot.prismatic[-1]:
-        before = np.flatnonzero(cover.link == tool.link - 1)
-        along = robot.joint_rotation[-1] @ robot.axis[-1]
-        from_axis = cover.centre[before] - robot.joint_xyz[-1]
-        height = from_axis @ along
-        stray = np.append(stray, np.linalg.norm(from_axis - height[:, None] * along, axis=1))
-        own, points = np.append(own, before), np.vstack([points, height[:, None] * robot.axis[-1]])
-    return own, (points - tool.T_link_tool.position) @ tool.T_link_tool.rotation, stray
+        placed = self.placed
+        gaps = self.gap + (placed.stray + covered[0] + covered[1] * placed.lever)[:, None]
+        row, piece = divmod(int(gaps.argmin()), gaps.shape[1])
+        margin = float(self.wanted - covered[2] - ROUNDING - gaps[row, piece])
+        return margin, int(placed.sphere[row]), piece
 
 
 def _collision_scope(problem: IKProblem) -> Scope:

@@ -12,8 +12,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from workcell.geometry.types import Piece, SphereCover
+from workcell.ik.problem import IKProblem
+from workcell.ik.remember import ByIdentity
 from workcell.model.robot import Robot
-from workcell.pose import Array, quat_to_matrix
+from workcell.pose import Array
+
+_IDENTITY = np.eye(4)
 
 
 def skew(vectors: Array) -> Array:
@@ -21,6 +25,34 @@ def skew(vectors: Array) -> Array:
     K = np.zeros((*vectors.shape[:-1], 3, 3))
     K[..., 2, 1], K[..., 0, 2], K[..., 1, 0] = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     return K - np.swapaxes(K, -1, -2)
+
+
+def _quadratic_forms() -> Array:
+    """(16, 9) the entries of a rotation matrix as quadratic forms of its unit quaternion wxyz."""
+    form = np.zeros((4, 4, 3, 3))
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        form[range(4), range(4), i, i] = -1.0
+        form[0, 0, i, i] = form[i + 1, i + 1, i, i] = 1.0
+        form[i + 1, j + 1, i, j] = form[i + 1, j + 1, j, i] = 2.0
+        form[0, k + 1, i, j], form[0, k + 1, j, i] = -2.0, 2.0
+    return form.reshape(16, 9)
+
+
+_FORM = _quadratic_forms()
+
+
+def rotations(unit_quats: Array) -> Array:
+    """Rotation matrices (k, 3, 3) of unit quaternions wxyz (k, 4)."""
+    squares = unit_quats[:, :, None] * unit_quats[:, None, :]
+    R: Array = (squares.reshape(-1, 16) @ _FORM).reshape(-1, 3, 3)
+    return R
+
+
+def target_rotation(problem: IKProblem) -> Array:
+    """Rotation (3, 3) of a problem's target."""
+    R: Array = rotations(problem.target.quat_wxyz[None])[0]
+    return R
 
 
 class ExactKinematics:
@@ -33,35 +65,40 @@ class ExactKinematics:
     def __init__(self, robot: Robot) -> None:
         n = robot.dof
         self.robot = robot
-        self.zero_rotation, self.zero_position = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+        zero = np.tile(np.eye(4), (n + 1, 1, 1))
+        self.zero_rotation, self.zero_position = zero[:, :3, :3], zero[:, :3, 3]
         self.zero_rotation[0] = robot.T_world_base.rotation
         self.zero_position[0] = robot.T_world_base.position
         for k in range(n):
             R, p = self.zero_rotation[k], self.zero_position[k]
             self.zero_rotation[k + 1] = R @ robot.joint_rotation[k]
             self.zero_position[k + 1] = R @ robot.joint_xyz[k] + p
-        self._axis = np.einsum("kij,kj->ki", self.zero_rotation[1:], robot.axis)
-        self._cross = skew(self._axis)
-        self._cross_squared = self._cross @ self._cross
+        self._zero = zero
+        self._turning, self._sliding = (~robot.prismatic).astype(float), robot.prismatic.astype(float)
+        axis = np.einsum("kij,kj->ki", self.zero_rotation[1:], robot.axis)
+        # exp of a screw is I + sin(turn) A + (1 - cos(turn)) B + slide C
+        cross = skew(axis)
+        self._screws = np.zeros((3, n, 4, 4))
+        for part, linear in zip(self._screws, (cross, cross @ cross), strict=False):
+            part[:, :3, :3] = linear
+            part[:, :3, 3] = -(linear @ self.zero_position[1:, :, None])[..., 0]
+        self._screws[2, :, :3, 3] = axis
         frame = robot.tool()
         self._tool_link = frame.link
         self._tool_rotation, self._tool_position = frame.T_link_tool.rotation, frame.T_link_tool.position
 
     def links(self, q: Array) -> tuple[Array, Array]:
         """Rotations (n + 1, 3, 3) and positions (n + 1, 3) of the links in the world at `q` (n,)."""
-        turn = np.where(self.robot.prismatic, 0.0, q)[:, None, None]
-        slide = np.where(self.robot.prismatic, q, 0.0)[:, None] * self._axis
-        E = np.eye(3) + np.sin(turn) * self._cross + (1.0 - np.cos(turn)) * self._cross_squared
-        point = self.zero_position[1:]
-        shift = point - (E @ point[..., None])[..., 0] + slide
-        G, g = np.eye(3), np.zeros(3)
-        rotation, position = self.zero_rotation.copy(), self.zero_position.copy()
+        turn, slide = q * self._turning, q * self._sliding
+        A, B, C = self._screws
+        joints = np.sin(turn)[:, None, None] * A + (1.0 - np.cos(turn))[:, None, None] * B
+        joints += slide[:, None, None] * C + _IDENTITY
+        moved = np.empty_like(self._zero)
+        moved[0] = _IDENTITY
         for k in range(len(q)):
-            g = G @ shift[k] + g
-            G = G @ E[k]
-            rotation[k + 1] = G @ rotation[k + 1]
-            position[k + 1] = G @ position[k + 1] + g
-        return rotation, position
+            np.matmul(moved[k], joints[k], out=moved[k + 1])
+        T = moved @ self._zero
+        return T[:, :3, :3], T[:, :3, 3]
 
     def tool(self, rotation: Array, position: Array) -> tuple[Array, Array]:
         """World rotation (3, 3) and position (3,) of the tool, given the `links`."""
@@ -78,24 +115,44 @@ class ExactDistances:
             by_kind.setdefault(piece.kind, []).append(index)
         self.pieces = tuple(pieces)
         self._groups = []
+        if not pieces:
+            return
+        R = rotations(np.concatenate([piece.pose.quat_wxyz for piece in pieces]).reshape(-1, 4))
+        origin = np.concatenate([piece.pose.position for piece in pieces]).reshape(-1, 3)
+        shift = (origin[:, None, :] @ R)[:, 0]
         for kind, indices in by_kind.items():
-            group = [pieces[i] for i in indices]
-            R = quat_to_matrix(np.array([piece.pose.quat_wxyz for piece in group]))
-            origin = np.array([piece.pose.position for piece in group])
-            size = np.array([piece.size for piece in group])
-            self._groups.append((kind, np.array(indices), R, origin, size))
+            size = np.concatenate([pieces[i].size for i in indices]).reshape(len(indices), -1)
+            chosen: slice | list[int] = slice(None) if len(by_kind) == 1 else indices
+            into_local = R[chosen].transpose(1, 0, 2).reshape(3, -1)
+            self._groups.append((kind, chosen, into_local, shift[chosen], size))
 
     def __call__(self, points: Array) -> Array:
         """Signed distances (m, k) in metres from world points (m, 3) to the k pieces."""
         distances = np.empty((len(points), len(self.pieces)))
-        for kind, indices, R, origin, size in self._groups:
-            local = np.einsum("kji,mkj->mki", R, points[:, None, :] - origin)
+        for kind, chosen, into_local, shift, size in self._groups:
+            local = (points @ into_local).reshape(len(points), -1, 3) - shift
             if kind == "hull":
-                for column, index in enumerate(indices):
-                    distances[:, index] = _hull(local[:, column], self.pieces[index])
+                hulls = [piece for piece in self.pieces if piece.kind == "hull"]
+                columns = [_hull(local[:, column], piece) for column, piece in enumerate(hulls)]
+                distances[:, chosen] = np.stack(columns, axis=1)
             else:
-                distances[:, indices] = _FORMULAS[kind](local, size)
+                distances[:, chosen] = _FORMULAS[kind](local, size)
         return distances
+
+
+_kinematics, _distances = ByIdentity(), ByIdentity()
+
+
+def exact_kinematics(robot: Robot) -> ExactKinematics:
+    """The robot's kinematics, remembered."""
+    return _kinematics.get((robot,), lambda: ExactKinematics(robot))
+
+
+def exact_distances(pieces: tuple[Piece, ...]) -> ExactDistances:
+    """Distances to the pieces, remembered for this very tuple; a list, which may change, is looked at afresh."""
+    if not isinstance(pieces, tuple):
+        return ExactDistances(pieces)
+    return _distances.get((pieces,), lambda: ExactDistances(pieces))
 
 
 def smallest_clearance(
@@ -111,13 +168,18 @@ def smallest_clearance(
 
 def _box(x: Array, half: Array) -> Array:
     over = np.abs(x) - half
-    distance: Array = np.linalg.norm(np.maximum(over, 0.0), axis=-1) + np.minimum(over.max(axis=-1), 0.0)
-    return distance
+    largest = np.maximum(np.maximum(over[..., 0], over[..., 1]), over[..., 2])
+    return _length(np.maximum(over, 0.0)) + np.minimum(largest, 0.0)
 
 
 def _sphere(x: Array, size: Array) -> Array:
-    distance: Array = np.linalg.norm(x, axis=-1) - size[:, 0]
-    return distance
+    return _length(x) - size[:, 0]
+
+
+def _length(x: Array) -> Array:
+    """Euclidean norms (...) of (..., 3)."""
+    length: Array = np.sqrt(np.einsum("...i,...i->...", x, x))
+    return length
 
 
 def _capsule(x: Array, size: Array) -> Array:

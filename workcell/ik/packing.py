@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import functools
 import importlib
-from collections import OrderedDict
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from workcell.errors import InputError
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.problem import IKProblem
+from workcell.ik.remember import ByIdentity
 from workcell.model.robot import Robot
 from workcell.pose import Array, quat_to_matrix
 
@@ -24,10 +24,7 @@ if TYPE_CHECKING:
 KINDS = {"box": 0, "sphere": 1, "capsule": 2, "cylinder": 3, "ellipsoid": 4, "halfspace": 5, "hull": 6}
 """Codes of `workcell.ik.kernels.distance`."""
 _TURN = 2 * np.pi
-_REMEMBERED = 32
 _UPRIGHT = np.eye(3).ravel()
-
-Value = TypeVar("Value")
 
 
 @functools.cache
@@ -36,27 +33,7 @@ def kernels() -> Any:
     return importlib.import_module("workcell.ik.kernels.entries")
 
 
-class _ByIdentity:
-    """Results for the last few arguments, told apart by identity: robots and covers hold arrays, so don't hash."""
-
-    def __init__(self) -> None:
-        self._entries: OrderedDict[tuple[int, ...], tuple[tuple[object, ...], Any]] = OrderedDict()
-
-    def get(self, keys: tuple[object, ...], make: Callable[[], Value]) -> Value:
-        identity = tuple(map(id, keys))
-        entry = self._entries.get(identity)
-        if entry is not None:
-            value: Value = entry[1]
-            return value
-        value = make()
-        # The keys are held too, so that no other object takes over their identity.
-        self._entries[identity] = (keys, value)
-        if len(self._entries) > _REMEMBERED:
-            self._entries.popitem(last=False)
-        return value
-
-
-_arms, _frames, _covers = _ByIdentity(), _ByIdentity(), _ByIdentity()
+_arms, _frames, _covers = ByIdentity(), ByIdentity(), ByIdentity()
 
 
 def pack_arm(robot: Robot) -> Arm:

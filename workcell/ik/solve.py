@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -20,8 +21,6 @@ from workcell.model.robot import LIMIT_SLACK
 from workcell.pose import Array
 
 Solver = Callable[[IKProblem, Budget, int], Candidate]
-
-_NAN = float("nan")
 
 
 def _elementary(problem: IKProblem, budget: Budget, seed: int) -> Candidate:
@@ -247,14 +246,19 @@ class _Portfolio:
         certificate: Certificate | None = None,
     ) -> IKResult:
         stats = {**self.stats, "cpu_s": self._spent(), "time_s": time.perf_counter() - self.started}
-        result = IKResult(
-            status, solver, q=q, certificate=certificate, stats=stats, rejected=tuple(self.rejected)
-        )
-        if verdict is None:
-            return result
-        return replace(
-            result,
-            position_error=verdict.position_error,
-            rotation_error=verdict.rotation_error,
-            clearance=verdict.clearance,
+        measured: dict[str, Any] = {}
+        if verdict is not None:
+            measured = {
+                "position_error": verdict.position_error,
+                "rotation_error": verdict.rotation_error,
+                "clearance": verdict.clearance,
+            }
+        return IKResult(
+            status,
+            solver,
+            q=q,
+            certificate=certificate,
+            stats=stats,
+            rejected=tuple(self.rejected),
+            **measured,
         )

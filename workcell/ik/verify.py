@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from workcell.ik.exact import ExactDistances, ExactKinematics, smallest_clearance
+from workcell.ik.exact import exact_distances, exact_kinematics, smallest_clearance, target_rotation
 from workcell.ik.problem import Clearance, IKProblem
 from workcell.model.robot import LIMIT_SLACK
-from workcell.pose import Array, quat_to_matrix, rotation_vector
+from workcell.pose import Array
 
 _NAN = float("nan")
 _STEP_SLACK = 1e-9
@@ -43,10 +44,10 @@ class Verifier:
 
     def __init__(self, problem: IKProblem) -> None:
         self.problem = problem
-        self._kinematics = ExactKinematics(problem.robot)
-        self._target_rotation = quat_to_matrix(problem.target.quat_wxyz)
+        self._kinematics = exact_kinematics(problem.robot)
+        self._target_rotation = target_rotation(problem)
         judged_here = problem.checker is None and problem.cover is not None and len(problem.cover) > 0
-        self._distances = ExactDistances(problem.obstacles) if judged_here and problem.obstacles else None
+        self._distances = exact_distances(problem.obstacles) if judged_here and problem.obstacles else None
 
     def __call__(self, q: ArrayLike) -> Verification:
         """Judge one configuration (n,); anything that is not one is refused with the reason, not raised."""
@@ -57,24 +58,24 @@ class Verifier:
             return Verification(reasons=("the configuration is not a list of numbers",))
         if values.shape != (problem.robot.dof,):
             return Verification(reasons=(f"{_counted(values)}, the robot has {problem.robot.dof} joints",))
-        if not np.all(np.isfinite(values)):
+        if not np.isfinite(values).all():
             return Verification(reasons=("the configuration is not finite",))
         rotation, position = self._kinematics.links(values)
         tool_rotation, tool_position = self._kinematics.tool(rotation, position)
-        away = float(np.linalg.norm(tool_position - problem.target.position))
-        turned = float(np.linalg.norm(rotation_vector(self._target_rotation @ tool_rotation.T)))
+        away = math.dist(tool_position.tolist(), problem.target.position.tolist())
+        turned = _angle(self._target_rotation @ tool_rotation.T)
         if problem.tool_pose is not None:
             seen = problem.tool_pose(values).error_to(problem.target)
             away, turned = max(away, seen[0]), max(turned, seen[1])
         clearance = self._clearance(values, rotation, position)
-        reasons = [
+        limit_reasons = self._limit_reasons(values)
+        reasons = (
             *self._pose_reasons(away, turned),
             *self._clearance_reasons(clearance),
-            *self._limit_reasons(values),
+            *limit_reasons,
             *self._step_reasons(values, rotation),
-        ]
-        within = bool(problem.robot.within_limits(values))
-        return Verification(away, turned, clearance, within, not reasons, tuple(reasons))
+        )
+        return Verification(away, turned, clearance, not limit_reasons, not reasons, reasons)
 
     def _clearance(self, q: Array, rotation: Array, position: Array) -> Clearance:
         problem = self.problem
@@ -110,6 +111,8 @@ class Verifier:
     def _limit_reasons(self, q: Array) -> list[str]:
         robot = self.problem.robot
         outside = (q < robot.lower - LIMIT_SLACK) | (q > robot.upper + LIMIT_SLACK)
+        if not outside.any():
+            return []
         return [
             f"joint {robot.joint_names[k]} = {q[k]:.6g} is outside [{robot.lower[k]:.6g}, {robot.upper[k]:.6g}]"
             for k in np.flatnonzero(outside)
@@ -154,6 +157,12 @@ def sphere_name(problem: IKProblem, sphere: int) -> str:
     source = problem.cover.source[sphere] if problem.cover.source else ""
     carrier = source or problem.robot.link_names[link]
     return f"sphere {sphere} ({carrier})"
+
+
+def _angle(rotation: Array) -> float:
+    """Angle in [0, pi] of a rotation (3, 3), from the sine and the cosine that the matrix holds."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
+    return math.atan2(0.5 * math.hypot(zy - yz, xz - zx, yx - xy), 0.5 * (xx + yy + zz - 1.0))
 
 
 def _counted(values: Array) -> str:

@@ -196,8 +196,27 @@ def decompose(options: argparse.Namespace) -> int:
     if options.json:
         print_json(document)
     else:
-        print_table(f"Decomposition of {scene.name}", ["metric", "value"], list(document["metrics"].items()))
+        rows = [_metric(name, value) for name, value in document["metrics"].items()]
+        print_table(f"Decomposition of {scene.name}", ["metric", "value"], rows)
         for path in (options.out, options.png):
             if path:
                 print(f"wrote {path}")
     return exit_codes.DONE
+
+
+def _metric(name: str, value: Any) -> tuple[str, str]:
+    """A metric's name without its unit, and its value with it."""
+    words = name.replace("_", " ")
+    if value is None:
+        return words, "-"
+    if isinstance(value, bool):
+        return words, "yes" if value else "NO"
+    if isinstance(value, list):
+        return words, ", ".join(map(str, value)) or "none"
+    if name.endswith("_fraction"):
+        return words, f"{100 * value:.1f} %"
+    if name.endswith("_s"):
+        return words[:-2], f"{value:.2f} s"
+    if name.endswith("_m"):
+        return words[:-2], f"{1e3 * value:.2f} mm" if value < 0.1 else f"{value:.2f} m"
+    return words, str(value)

@@ -22,6 +22,9 @@ RESOLUTION = 1e-4
 """Metres: half the edge of the smallest cell. Covers need about twice that as slack to be proved."""
 
 _MOST = 64
+_CHUNK = 50_000
+"""Cells looked at together."""
+
 _EIGHTHS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 
 
@@ -62,7 +65,7 @@ def prove_cover(
             raise InputError("no finite number of spheres covers a half-space", where=piece.name)
         lower, upper = bounding_box(piece)
         near = np.all((c + r[:, None] >= lower) & (c - r[:, None] <= upper), axis=1)
-        if np.any(farthest_distance(piece, c[near]) <= r[near]):
+        if np.any(farthest_distance(piece, c[near]) <= r[near]) or _held(piece, c[near], r[near], resolution):
             continue
         failed = _search(piece, c[near], r[near], resolution)
         if failed is not None:
@@ -176,6 +179,36 @@ def _blocks(piece: Piece, c: Array, r: Array) -> Iterator[tuple[Array, Array, ND
 
 def _split(cells: Array, half: Array) -> tuple[Array, Array]:
     return (cells[:, None, :] + _EIGHTHS * half).reshape(-1, 3), half / 2
+
+
+def _held(piece: Piece, c: Array, r: Array, resolution: float) -> bool:
+    """Whether every cell is held by the ball that its centre lies deepest in, or is split until it is.
+
+    The same subdivision as `_search`, without its books: it looks at one ball a cell, the one of least power
+    `|x - c|^2 - r^2`, which a k-d tree finds as the nearest of the points (c, sqrt(r_max^2 - r^2)) in four dimensions.
+    False says that some cell is not held, or too small to tell, and nothing about where.
+    """
+    from scipy.spatial import cKDTree
+
+    if len(r) == 0:
+        return False
+    tree = cKDTree(np.column_stack([c, np.sqrt(np.maximum(r.max() ** 2 - r**2, 0.0))]))
+    outside = _Outside(piece)
+    first, first_half = _first_cells(piece, max(2.0 * float(np.median(r)), 0.01))
+    waiting = [(first, first_half)]
+    while waiting:
+        cells, half = waiting.pop()
+        ball = np.asarray(tree.query(np.column_stack([cells, np.zeros(len(cells))]))[1])
+        offset = np.abs(cells - c[ball])
+        loose = ((offset + half) ** 2).sum(axis=1) > r[ball] ** 2
+        cells, apart = cells[loose], (offset[loose] ** 2).sum(axis=1) - r[ball[loose]] ** 2
+        depth = outside(cells)
+        meets = depth <= np.linalg.norm(half)
+        if np.any((depth <= 0) & (apart > 0)) or (meets.any() and half.max() <= resolution):
+            return False
+        smaller, half = _split(cells[meets], half)
+        waiting += [(smaller[k : k + _CHUNK], half) for k in range(0, len(smaller), _CHUNK)]
+    return True
 
 
 def _search(piece: Piece, c: Array, r: Array, resolution: float) -> UncoveredCell | None:

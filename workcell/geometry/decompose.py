@@ -23,6 +23,7 @@ from workcell.geometry.cuboids import (
     select_cuboids,
 )
 from workcell.geometry.pieces import move_piece, robot_pieces, scene_obstacles
+from workcell.geometry.reachable import ReachBall, part_in_reach, reach_ball
 from workcell.geometry.spheres import obstacle_cover, robot_cover
 from workcell.geometry.types import FreeSpace, Piece, SphereCover
 from workcell.model.robot import Robot
@@ -46,7 +47,7 @@ class Decomposition:
         robot_pieces: all of the robot's colliding geometry, in the world at `q`.
         obstacles: all other colliding geometry, in the world.
         robot_cover: outer spheres in link frames; link 0 is what no joint moves.
-        obstacle_cover: outer spheres in the world. Half-spaces have none.
+        obstacle_cover: outer spheres in the world, over what the robot can reach of each obstacle.
         free_space: cuboids, with their covered fraction.
         metrics: counts, overshoots, coverage, times.
     """
@@ -95,6 +96,10 @@ def decompose(
 ) -> Decomposition:
     """Cover a scene's robot and obstacles with spheres, and its free space with cuboids; prove and measure all of it.
 
+    Obstacles are covered where the robot can get: inside the ball of `reach_ball`, with boxes and half-spaces cut down
+    to it (`part_in_reach`). The metrics name those that were cut (`obstacles_cut_to_reach`) or that lie outside it
+    (`obstacles_out_of_reach`), and the ball's radius (`reach_radius_m`). The cuboids know all obstacles, uncut.
+
     Args:
         scene: the scene.
         robot: the robot's name; None: the only one.
@@ -120,7 +125,8 @@ def decompose(
     lap("robot_cover_s")
     obstacles = scene_obstacles(scene, actor.name)
     check_base_is_free(kinematics, obstacles)
-    around = obstacle_cover(obstacles, overshoot=overshoot)
+    ball = reach_ball(kinematics, cover)
+    around = obstacle_cover(obstacles, overshoot=overshoot, reach=ball)
     lap("obstacle_cover_s")
     goals = np.array([goal.pose.position for goal in scene.goals.values() if goal.robot == actor.name])
     free_space = fill_free_space(kinematics, cover, obstacles, [q], points=goals, seed=seed)
@@ -128,14 +134,14 @@ def decompose(
     fraction = covered_fraction(free_space, kinematics, cover, obstacles, samples=_SAMPLES, seed=seed + 1)
     links = robot_pieces(scene.model, actor)
     metrics = {
-        **_cover_metrics("robot", links, cover, around, obstacles),
+        **_robot_metrics(links, cover),
+        **_obstacle_metrics(obstacles, around, ball),
         "cuboids": len(free_space),
         "cuboid_margin_m": float(np.min(free_space.margin, initial=np.inf))
         if free_space.margin is not None
         else None,
         "covered_fraction": fraction,
         "skipped_seeds": free_space.skipped_seeds,
-        "obstacle_pieces": len(obstacles),
     }
     lap("measurement_s")
     poses = [Pose.from_matrix(T) for T in kinematics.link_transforms(q)]
@@ -215,30 +221,38 @@ def check_base_is_free(robot: Robot, obstacles: Sequence[Piece]) -> None:
         )
 
 
-def _cover_metrics(
-    name: str,
-    links: Sequence[Sequence[Piece]],
-    cover: SphereCover,
-    around: SphereCover,
-    obstacles: Sequence[Piece],
-) -> dict[str, Any]:
+def _robot_metrics(links: Sequence[Sequence[Piece]], cover: SphereCover) -> dict[str, Any]:
     moving = cover.link > 0
     began = time.perf_counter()
     proved = all(
         prove_cover(pieces, cover.centre[cover.link == link], cover.radius[cover.link == link]) is None
         for link, pieces in enumerate(links)
     )
-    proof_s = time.perf_counter() - began
-    bounded = [piece for piece in obstacles if piece.kind != "halfspace"]
     return {
         "robot_spheres": int(moving.sum()),
         "base_spheres": int((~moving).sum()),
-        **_overshoots(name, cover),
+        **_overshoots("robot", cover),
         "robot_cover_proved": proved,
-        "robot_proof_s": round(proof_s, 4),
-        "obstacle_spheres": len(around),
-        **_overshoots("obstacle", around),
-        "obstacle_cover_proved": prove_cover(bounded, around.centre, around.radius) is None,
+        "robot_proof_s": round(time.perf_counter() - began, 4),
+    }
+
+
+def _obstacle_metrics(obstacles: Sequence[Piece], cover: SphereCover, ball: ReachBall) -> dict[str, Any]:
+    began = time.perf_counter()
+    parts = [part_in_reach(piece, ball) for piece in obstacles]
+    proved = prove_cover([part for part in parts if part is not None], cover.centre, cover.radius) is None
+    pairs = list(zip(obstacles, parts, strict=True))
+    return {
+        "obstacle_pieces": len(obstacles),
+        "reach_radius_m": ball.radius,
+        "obstacles_cut_to_reach": [
+            piece.name for piece, part in pairs if part is not None and part is not piece
+        ],
+        "obstacles_out_of_reach": [piece.name for piece, part in pairs if part is None],
+        "obstacle_spheres": len(cover),
+        **_overshoots("obstacle", cover),
+        "obstacle_cover_proved": proved,
+        "obstacle_proof_s": round(time.perf_counter() - began, 4),
     }
 
 

@@ -18,6 +18,7 @@ from workcell.errors import InputError
 from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.greedy import cover_union
 from workcell.geometry.pieces import model_pieces, move_piece, pieces_of_bodies, robot_pieces
+from workcell.geometry.reachable import ReachBall, part_in_reach
 from workcell.geometry.subdivision import cover_by_cells, expected_count
 from workcell.geometry.types import Piece, SphereCover
 from workcell.pose import Array, Pose, read_only
@@ -47,10 +48,7 @@ def cover_piece(piece: Piece, overshoot: float) -> tuple[Array, Array, Array]:
 
 def cover_pieces(pieces: Sequence[Piece], overshoot: float) -> tuple[Array, Array, Array]:
     """As `cover_piece`, for the union of pieces that move together; a sphere may serve several of them."""
-    if not (np.isfinite(overshoot) and overshoot > 0):
-        raise InputError(
-            f"an overshoot of {overshoot} m makes no sense", where="overshoot", remedy="e.g. 0.02"
-        )
+    check_overshoot(overshoot)
     for piece in pieces:
         if piece.kind == "halfspace":
             raise InputError("no finite number of spheres covers a half-space", where=piece.name)
@@ -60,6 +58,14 @@ def cover_pieces(pieces: Sequence[Piece], overshoot: float) -> tuple[Array, Arra
     if key not in _covers:
         _covers[key] = _cover(pieces, overshoot)
     return _covers[key]
+
+
+def check_overshoot(overshoot: float) -> None:
+    """Raise InputError when an overshoot is not a positive number of metres."""
+    if not (np.isfinite(overshoot) and overshoot > 0):
+        raise InputError(
+            f"an overshoot of {overshoot} m makes no sense", where="overshoot", remedy="e.g. 0.02"
+        )
 
 
 _covers: dict[object, tuple[Array, Array, Array]] = {}
@@ -110,7 +116,7 @@ def robot_cover(
         robot: the robot.
         overshoot: metres that a sphere may stick out of its link.
         qpos: (nq,) where the joints that are not planned for stand; None: the gripper at its home.
-        base: cover what no joint moves, too (a pedestal: it stands where it stands).
+        base: cover what no joint moves, too (a pedestal: it stands where it stands), as `obstacle_cover` does.
     """
     return _cover_links(robot_pieces(model, robot, qpos), overshoot, base)
 
@@ -144,13 +150,27 @@ def attached_cover(
     return cover_of([move_piece(piece, T_link_world) for piece in world], overshoot, link=tool.link)
 
 
-def obstacle_cover(pieces: Sequence[Piece], *, overshoot: float = 0.02) -> SphereCover:
-    """Outer cover of obstacles in the world frame, body by body; half-spaces are left out (no cover holds them)."""
-    groups: dict[str, list[Piece]] = {}
+def obstacle_cover(
+    pieces: Sequence[Piece], *, overshoot: float = 0.02, reach: ReachBall | None = None
+) -> SphereCover:
+    """Outer cover of what stands still, piece by piece, by cells: quickly made and proved, with more balls than need be.
+
+    Args:
+        pieces: convex pieces in one frame.
+        overshoot: metres that a sphere may stick out of its piece.
+        reach: cover only what `part_in_reach` says of each piece; None: all of it, half-spaces left out (no finite
+            cover holds them).
+    """
+    check_overshoot(overshoot)
+    covers = []
     for piece in pieces:
-        if piece.kind != "halfspace":
-            groups.setdefault(piece.body or piece.name, []).append(piece)
-    return merge_covers(*(cover_of(group, overshoot) for group in groups.values()))
+        part = part_in_reach(piece, reach) if reach else piece if piece.kind != "halfspace" else None
+        if part is None:
+            continue
+        centres, radii = cover_by_cells(part, overshoot, of=piece)
+        link, names = np.zeros(len(radii), dtype=np.int64), (piece.name,) * len(radii)
+        covers.append(SphereCover(link, centres, radii, "outer", overshoots([piece], centres, radii), names))
+    return merge_covers(*covers)
 
 
 def cover_of(pieces: Sequence[Piece], overshoot: float, *, link: int = 0) -> SphereCover:
@@ -184,9 +204,9 @@ def merge_covers(*covers: SphereCover) -> SphereCover:
 
 
 def _cover_links(links: Sequence[Sequence[Piece]], overshoot: float, base: bool) -> SphereCover:
-    return merge_covers(
-        *(cover_of(pieces, overshoot, link=link) for link, pieces in enumerate(links) if link or base)
-    )
+    moving = [cover_of(pieces, overshoot, link=link) for link, pieces in enumerate(links) if link]
+    standing = [obstacle_cover(links[0], overshoot=overshoot)] if base else []
+    return merge_covers(*standing, *moving)
 
 
 def _body_pose(model: mujoco.MjModel, body: int, qpos: Array) -> Pose:

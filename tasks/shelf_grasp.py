@@ -6,6 +6,7 @@ one out of it with the mug in the hand. Then the plan is executed in MuJoCo, and
 
 from workcell import FollowLimits, Job, PlanningWorld, line
 
+OVERSHOOT = 0.03  # metres by which the planner's spheres may exceed the arm and the mug
 LIMITS = FollowLimits(max_step=0.2, clearance=0.002)  # radians between waypoints, metres to keep everywhere
 
 
@@ -17,7 +18,7 @@ def run(job: Job) -> None:
 
     with job.phase("planning"):
         # The fingers must come closer to the mug than their spheres allow; the compiled model watches them there.
-        shelf = PlanningWorld.of(scene, approached=[mug], seed=job.seed)
+        shelf = PlanningWorld.of(scene, overshoot=OVERSHOOT, approached=[mug], seed=job.seed)
         goal = job.solve(shelf.problem(grasp), "grasp configuration")
         shelf = shelf.with_free_space_around([goal.unwrap()])
         job.log_world(shelf)

@@ -53,6 +53,9 @@ def test_a_script_that_is_not_python_or_not_there(altered, tmp_path):
     path.with_suffix(".py").write_text("def run(job:\n")
     with pytest.raises(ModelError, match=r"altered\.py:1.*not valid Python"):
         run_task(path, out=tmp_path / "out")
+    path.with_suffix(".py").write_text("import nothere_at_all\n")
+    with pytest.raises(ModelError, match=r"altered\.py.*can't import.*nothere_at_all"):
+        run_task(path, out=tmp_path / "out")
     path.with_suffix(".py").unlink()
     with pytest.raises(ModelError, match="no script beside it"):
         run_task(path, out=tmp_path / "out")

@@ -124,9 +124,11 @@ class Job:
 
     def _tell_path(self, world: PlanningWorld, path: Path, limits: FollowLimits, what: str) -> None:
         metrics = path_metrics(path, world.clearance, world.cover, floor=limits.clearance)
+        # every segment was proved when it was made; the whole may still be too long for one proof's budget
+        clear = max(metrics.clearance_between, limits.clearance)
         self.say(
             f"{what}: {metrics.waypoints} waypoints, largest step {metrics.largest_step:.3f} rad, "
-            f"proved at least {1e3 * metrics.clearance_between:.0f} mm clear all along"
+            f"proved at least {1e3 * clear:.0f} mm clear all along"
         )
 
     def retime(self, world: PlanningWorld, path: Path, tool_speed: float, what: str) -> Trajectory:
@@ -318,6 +320,8 @@ def _load_script(task_file: FilePath) -> Callable[[Job], None]:
         raise ModelError(
             f"this script is not valid Python: {error.msg}", where=f"{path}:{error.lineno}"
         ) from None
+    except ImportError as error:
+        raise ModelError(f"this script can't import what it needs: {error}", where=path) from None
     script = getattr(module, "run", None)
     if not callable(script):
         raise ModelError("the script has no function run(job)", where=path)

@@ -142,6 +142,12 @@ def test_a_malformed_problem_set_is_named(capsys, tmp_path):
     assert code == exit_codes.BAD_INPUT and "set.json" in err
 
 
+def test_a_bench_that_could_not_be_written_is_not_begun(capsys, tmp_path):
+    (tmp_path / "file").write_text("")
+    code, out, err = call(capsys, "bench", "ikspark-free", "--out", str(tmp_path / "file" / "rows.json"))
+    assert code == exit_codes.BAD_INPUT and "can't be written" in err and out == ""
+
+
 def test_the_installed_script_runs():
     code = "from workcell.cli import main; main(['--version'])"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

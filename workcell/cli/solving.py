@@ -155,11 +155,13 @@ def bench(options: argparse.Namespace) -> int:
         return exit_codes.DONE
     if options.bench is None:
         raise InputError("which bench?", where="bench", remedy="workcell bench --list names them")
+    from workcell.record.summary import check_writable, write_json_atomic
+
+    if options.out:
+        check_writable(options.out)
     sets = Path(options.sets) if options.sets else None
     document = run_bench(options.bench, n=options.n, seed=options.seed, sets=sets)
     if options.out:
-        from workcell.record.summary import write_json_atomic
-
         write_json_atomic(Path(options.out), document)
     if options.json:
         print_json(document)

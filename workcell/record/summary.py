@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
@@ -46,6 +47,23 @@ def write_json_atomic(path: str | Path, values: Mapping[str, Any]) -> Path:
             remedy="choose a folder that is writable and has room, with --out",
         ) from None
     return path
+
+
+def check_writable(path: str | Path) -> None:
+    """Raise OutputError now, rather than after the work, when a file can't be written there."""
+    path = Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    except OSError as error:
+        raise OutputError(
+            f"the file can't be written: {error.strerror or error}",
+            where=path,
+            remedy="choose a folder that is writable and has room, with --out",
+        ) from None
 
 
 def _umask() -> int:

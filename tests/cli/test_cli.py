@@ -152,3 +152,18 @@ def test_the_installed_script_runs():
     code = "from workcell.cli import main; main(['--version'])"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert result.returncode == 0 and result.stdout.startswith("workcell ")
+
+
+def test_metrics_are_printed_with_their_units():
+    from workcell.cli.models import _metric
+
+    assert _metric("robot_cover_s", 29.0) == ("robot cover", "29.00 s")
+    assert _metric("robot_overshoot_max_m", 0.01999) == ("robot overshoot max", "19.99 mm")
+    assert _metric("reach_radius_m", 1.541) == ("reach radius", "1.54 m")
+    assert _metric("covered_fraction", 0.9984) == ("covered fraction", "99.8 %")
+    assert _metric("robot_cover_proved", True) == ("robot cover proved", "yes")
+    assert _metric("robot_cover_proved", False) == ("robot cover proved", "NO")
+    assert _metric("obstacles_out_of_reach", []) == ("obstacles out of reach", "none")
+    assert _metric("obstacles_cut_to_reach", ["floor", "wall"]) == ("obstacles cut to reach", "floor, wall")
+    assert _metric("cuboid_margin_m", None) == ("cuboid margin", "-")
+    assert _metric("cuboids", 10) == ("cuboids", "10")

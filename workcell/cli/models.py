@@ -206,7 +206,7 @@ def decompose(options: argparse.Namespace) -> int:
 
 def _metric(name: str, value: Any) -> tuple[str, str]:
     """A metric's name without its unit, and its value with it."""
-    words = name.replace("_", " ")
+    words = name.removesuffix("_s").removesuffix("_m").replace("_", " ")
     if value is None:
         return words, "-"
     if isinstance(value, bool):
@@ -216,7 +216,7 @@ def _metric(name: str, value: Any) -> tuple[str, str]:
     if name.endswith("_fraction"):
         return words, f"{100 * value:.1f} %"
     if name.endswith("_s"):
-        return words[:-2], f"{value:.2f} s"
+        return words, f"{value:.2f} s"
     if name.endswith("_m"):
-        return words[:-2], f"{1e3 * value:.2f} mm" if value < 0.1 else f"{value:.2f} m"
+        return words, f"{1e3 * value:.2f} mm" if value < 0.1 else f"{value:.2f} m"
     return words, str(value)

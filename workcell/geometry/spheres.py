@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from workcell.errors import InputError
 from workcell.geometry.clearance import ObstacleArrays
+from workcell.geometry.cover_cache import cached_cover, content_key
 from workcell.geometry.greedy import cover_union
 from workcell.geometry.pieces import model_pieces, move_piece, pieces_of_bodies, robot_pieces
 from workcell.geometry.reachable import ReachBall, part_in_reach
@@ -54,9 +55,9 @@ def cover_pieces(pieces: Sequence[Piece], overshoot: float) -> tuple[Array, Arra
             raise InputError("no finite number of spheres covers a half-space", where=piece.name)
     if not pieces:
         return np.zeros((0, 3)), np.zeros(0), np.zeros(0)
-    key = (float(overshoot), *(_key(piece) for piece in pieces))
+    key = content_key(pieces, overshoot)
     if key not in _covers:
-        _covers[key] = _cover(pieces, overshoot)
+        _covers[key] = cached_cover(pieces, overshoot, lambda: _cover(pieces, overshoot))
     return _covers[key]
 
 
@@ -68,8 +69,8 @@ def check_overshoot(overshoot: float) -> None:
         )
 
 
-_covers: dict[object, tuple[Array, Array, Array]] = {}
-"""Covers already made, by content: a task asks for those of the same robot more than once."""
+_covers: dict[str, tuple[Array, Array, Array]] = {}
+"""Covers already made or read, by content: a task asks for those of the same robot more than once."""
 
 _LARGE, _LARGE_UNION = 50, 90
 """Balls beyond which a piece is cut into cells, and a union covered piece by piece: the search pays on small things."""
@@ -86,12 +87,6 @@ def _cover(pieces: Sequence[Piece], overshoot: float) -> tuple[Array, Array, Arr
         parts += [cover_union([piece], overshoot) for piece in small]
     centres, radii = (np.concatenate(column) for column in zip(*parts, strict=True))
     return read_only(centres), read_only(radii), read_only(overshoots(pieces, centres, radii))
-
-
-def _key(piece: Piece) -> object:
-    vertices = b"" if piece.vertices is None else piece.vertices.tobytes()
-    place = piece.pose.position.tobytes() + piece.pose.quat_wxyz.tobytes()
-    return piece.kind, place, piece.size.tobytes(), vertices
 
 
 def overshoots(pieces: Sequence[Piece], centres: ArrayLike, radii: ArrayLike) -> Array:

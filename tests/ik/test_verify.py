@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tests.ik.arms import beads, box, planar, random_arm, seven
 from workcell.errors import InputError
 from workcell.geometry.types import Piece, SphereCover
-from workcell.ik.exact import ExactDistances, ExactKinematics
+from workcell.ik.exact import ExactDistances, ExactKinematics, exact_distances, rotations
 from workcell.ik.problem import Clearance, IKProblem, Tolerances
 from workcell.ik.verify import verify
 from workcell.model.robot import Tool
@@ -60,6 +60,32 @@ def test_kinematics_agree_with_pinocchio(sliding):
         R, p = kinematics.tool(rotation, position)
         assert np.allclose(R, tool.rotation, atol=1e-12)
         assert np.allclose(p, tool.position, atol=1e-12)
+
+
+@given(st.integers(0, 10_000))
+def test_rotations_of_unit_quaternions(seed):
+    quats = np.random.default_rng(seed).normal(size=(5, 4))
+    quats /= np.linalg.norm(quats, axis=1, keepdims=True)
+    assert np.allclose(rotations(quats), quat_to_matrix(quats), atol=1e-15)
+
+
+def test_distances_are_remembered_for_a_tuple_but_not_for_a_list_which_may_change():
+    first, second = _pieces(np.random.default_rng(1))[:2]
+    pieces = (first,)
+    assert exact_distances(pieces) is exact_distances(pieces)
+    changing, points = [first], np.ones((3, 3))
+    before = exact_distances(changing)(points)
+    changing[0] = second
+    assert np.array_equal(exact_distances(changing)(points), ExactDistances((second,))(points))
+    assert not np.array_equal(exact_distances(changing)(points), before)
+
+
+def test_a_robot_is_judged_by_its_own_kinematics_after_many_others():
+    rng = np.random.default_rng(8)
+    for _ in range(40):
+        robot = random_arm(rng)
+        q = robot.random_configuration(rng)
+        assert verify(IKProblem(robot, robot.fk(q)), q).accepted
 
 
 def _coal_shape(coal, piece):

@@ -166,9 +166,10 @@ class _Portfolio:
 
     def _prepare(self, name: str) -> None:
         """Set the clocks on by what compiling takes."""
+        if name not in _PREPARE:
+            return
         cpu, wall = time.process_time(), time.perf_counter()
-        if name in _PREPARE:
-            _PREPARE[name]()
+        _PREPARE[name]()
         self.started_cpu += time.process_time() - cpu
         self.started += time.perf_counter() - wall
 

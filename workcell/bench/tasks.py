@@ -24,7 +24,7 @@ def run_cold(task: str, seed: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-c", "from workcell.cli import main; main()"]
         arguments = ["run", task, "--seed", str(seed), "--out", folder, "--json"]
-        environment = {**os.environ, "NUMBA_CACHE_DIR": str(Path(folder) / "numba")}
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(Path(folder) / "numba"), "WORKCELL_CACHE_DIR": ""}
         began = time.perf_counter()
         finished = subprocess.run(
             [*command, *arguments],

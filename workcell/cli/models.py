@@ -180,14 +180,15 @@ def decompose(options: argparse.Namespace) -> int:
     """Sphere covers and free-space cuboids of a cell, with their quality."""
     from workcell.geometry.decompose import decompose as run
     from workcell.model.scene import Scene
+    from workcell.record.summary import check_writable, write_json_atomic
 
+    for path in filter(None, (options.out, options.png)):
+        check_writable(path)
     scene = Scene.load(options.cell, robot=options.robot)
     with progress_bar("decompose", 4) as bar:
         result = run(scene, overshoot=options.overshoot, seed=options.seed, progress=bar.step)
     document = result.to_json()
     if options.out:
-        from workcell.record.summary import write_json_atomic
-
         write_json_atomic(Path(options.out), document)
     if options.png:
         from workcell.record.decompose_picture import draw_decomposition

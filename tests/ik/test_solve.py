@@ -33,7 +33,9 @@ def _with_solver(monkeypatch, candidate):
     monkeypatch.setitem(module._SOLVERS, "multistart", propose)
 
 
-@pytest.mark.parametrize(("solver", "found_by"), [("auto", "hjcd"), ("hjcd", "hjcd"), ("multistart", "multistart")])
+@pytest.mark.parametrize(
+    ("solver", "found_by"), [("auto", "hjcd"), ("hjcd", "hjcd"), ("multistart", "multistart")]
+)
 def test_solved_means_verified(solver, found_by):
     wall = box("wall", (1.0, 0.0, 0.5), (0.05, 0.5, 0.5))
     problem = _problem(obstacles=(wall,), cover=beads(seven(), 0.04))

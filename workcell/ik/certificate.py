@@ -14,6 +14,7 @@ import numpy as np
 
 from workcell.errors import InputError
 from workcell.ik.problem import IKProblem
+from workcell.ik.remember import ByIdentity
 from workcell.pose import Array, Pose, read_only
 
 FORMAT = "workcell-certificate/1"
@@ -111,11 +112,20 @@ def _array(entry: Any, where: str) -> Array:
     return array
 
 
+_HASHES = ByIdentity()
+
+
 def problem_hash(problem: IKProblem) -> str:
     """SHA-256 (hex) of everything a certificate depends on: chain, limits, target, obstacles, cover, bounds, tolerances.
 
     Names and the collision checker are left out: no proof uses them.
     """
+    if not isinstance(problem.obstacles, tuple):
+        return _digest(problem)  # a list may change between two calls
+    return _HASHES.get((problem,), lambda: _digest(problem))
+
+
+def _digest(problem: IKProblem) -> str:
     digest = hashlib.sha256()
     for item in _content(problem):
         if isinstance(item, str):

@@ -16,7 +16,7 @@ from workcell.geometry.spheres import (
     overshoots,
     robot_cover,
 )
-from workcell.geometry.types import Piece
+from workcell.geometry.types import Piece, SphereCover
 from workcell.model.scene import Scene
 from workcell.pose import Pose
 
@@ -137,3 +137,10 @@ def test_what_has_no_cover_is_refused():
         cover_piece(ground, OVERSHOOT)
     with pytest.raises(InputError, match="overshoot"):
         cover_piece(Piece("b", "sphere", Pose.identity(), np.array([0.1])), 0.0)
+
+
+def test_covers_of_different_kinds_are_not_merged() -> None:
+    outer = SphereCover(np.array([0]), np.zeros((1, 3)), np.array([0.1]), kind="outer")
+    inner = SphereCover(np.array([0]), np.zeros((1, 3)), np.array([0.1]), kind="inner")
+    with pytest.raises(InputError, match="inner and outer spheres can't be merged"):
+        merge_covers(outer, inner)

@@ -183,16 +183,26 @@ def sources(pieces: Sequence[Piece], centres: Array) -> tuple[str, ...]:
 
 
 def merge_covers(*covers: SphereCover) -> SphereCover:
-    """One cover out of several of the same robot; its kind is the common one, else `given`."""
+    """One cover out of several of the same robot and of the same kind.
+
+    Raises:
+        InputError: outer, inner or given spheres mixed, of which no proof could say what it is about.
+    """
     parts = [cover for cover in covers if len(cover)]
     if not parts:
         return SphereCover(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0), "outer")
     kinds = {cover.kind for cover in parts}
+    if len(kinds) > 1:
+        raise InputError(
+            f"{' and '.join(sorted(kinds))} spheres can't be merged",
+            where="covers",
+            remedy="covers of one kind",
+        )
     return SphereCover(
         np.concatenate([cover.link for cover in parts]),
         np.concatenate([cover.centre for cover in parts]),
         np.concatenate([cover.radius for cover in parts]),
-        kinds.pop() if len(kinds) == 1 else "given",
+        kinds.pop(),
         np.concatenate([cover.overshoot for cover in parts if cover.overshoot is not None]),
         tuple(name for cover in parts for name in (cover.source or ("",) * len(cover))),
     )

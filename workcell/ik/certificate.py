@@ -14,8 +14,8 @@ import numpy as np
 
 from workcell.errors import InputError
 from workcell.ik.problem import IKProblem
-from workcell.ik.remember import ByIdentity
 from workcell.pose import Array, Pose, read_only
+from workcell.remember import ByIdentity
 
 FORMAT = "workcell-certificate/1"
 

@@ -16,10 +16,10 @@ from workcell.geometry.types import SphereCover
 from workcell.ik.certificate import Certificate, Scope, problem_hash
 from workcell.ik.exact import exact_distances, target_rotation
 from workcell.ik.problem import IKProblem
-from workcell.ik.remember import ByIdentity
 from workcell.ik.verify import sphere_name
 from workcell.model.robot import Robot
 from workcell.pose import Array
+from workcell.remember import ByIdentity
 
 WIDE = np.array([1e-3, 1e-2, 1e-3])
 """Position, rotation and clearance tolerances that a proof covers where its margin allows, wider than those asked for."""

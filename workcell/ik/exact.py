@@ -13,9 +13,9 @@ import numpy as np
 
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.problem import IKProblem
-from workcell.ik.remember import ByIdentity
 from workcell.model.robot import Robot
 from workcell.pose import Array
+from workcell.remember import ByIdentity
 
 _IDENTITY = np.eye(4)
 

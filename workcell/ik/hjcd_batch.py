@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from workcell.errors import InputError
-from workcell.ik.packing import kernels, pack_arm, pack_world, random_state
+from workcell.geometry.packing import pack_arm
+from workcell.ik.packing import kernels, pack_world, random_state
 from workcell.ik.problem import IKProblem
 from workcell.model.robot import Robot
 from workcell.pose import Array, Pose, read_only

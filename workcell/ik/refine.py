@@ -12,7 +12,8 @@ from workcell.ik.problem import IKProblem
 from workcell.pose import Array
 
 if TYPE_CHECKING:
-    from workcell.ik.kernels.options import Arm, World
+    from workcell.geometry.kernels.chain import Arm
+    from workcell.ik.kernels.options import World
 
 ITERATIONS = 40
 """Quadratic programs from one start."""

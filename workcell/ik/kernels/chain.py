@@ -1,4 +1,4 @@
-"""Forward kinematics, pose error and Jacobian of one serial chain.
+"""Pose error, Jacobian and steps of one serial chain.
 
 A frame is a row of 12 numbers: rotation (row-major), then position, in the world.
 """
@@ -7,38 +7,14 @@ from __future__ import annotations
 
 import math
 
-from workcell.ik.kernels.options import Arm, RandomState, inner, uniform
+from workcell.geometry.kernels.chain import Arm, forward
+from workcell.ik.kernels.options import RandomState, uniform
+from workcell.jit import inner
 from workcell.pose import Array
 
 ROTATION_WEIGHT = 0.3
 """Metres that a radian weighs in residuals."""
 _TURN = 2 * math.pi
-
-
-@inner
-def forward(frames: Array, q: Array, T: Array) -> None:
-    """World frames T (n + 2, 12) of base, links and tool at q (n,)."""
-    n = q.shape[0]
-    for a in range(12):
-        T[0, a] = frames[0, a]
-    for i in range(1, n + 2):
-        c, s, slide = 1.0, 0.0, 0.0
-        if i <= n:
-            if frames[i, 12] == 0.0:
-                c, s = math.cos(q[i - 1]), math.sin(q[i - 1])
-            else:
-                slide = q[i - 1]
-        for r in range(3):
-            a, b, d = T[i - 1, 3 * r], T[i - 1, 3 * r + 1], T[i - 1, 3 * r + 2]
-            x = a * frames[i, 0] + b * frames[i, 3] + d * frames[i, 6]
-            y = a * frames[i, 1] + b * frames[i, 4] + d * frames[i, 7]
-            z = a * frames[i, 2] + b * frames[i, 5] + d * frames[i, 8]
-            T[i, 3 * r] = c * x + s * y
-            T[i, 3 * r + 1] = c * y - s * x
-            T[i, 3 * r + 2] = z
-            T[i, 9 + r] = (
-                T[i - 1, 9 + r] + a * frames[i, 9] + b * frames[i, 10] + d * frames[i, 11] + slide * z
-            )
 
 
 @inner

@@ -6,11 +6,13 @@ import math
 
 import numpy as np
 
-from workcell.ik.kernels.chain import forward, jacobian, pose_error, read_target
+from workcell.geometry.kernels.chain import Arm, forward
+from workcell.ik.kernels.chain import jacobian, pose_error, read_target
 from workcell.ik.kernels.contact import MOST_CONTACTS, Contacts, collect, contact_row, room
 from workcell.ik.kernels.linear import factor6, gram, solve6
 from workcell.ik.kernels.newton import polish
-from workcell.ik.kernels.options import Arm, Work, World, inner, kernel, scratch
+from workcell.ik.kernels.options import Work, World, scratch
+from workcell.jit import inner, kernel
 from workcell.pose import Array
 
 LOOK_AHEAD = 0.03

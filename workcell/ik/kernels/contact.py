@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from workcell.ik.kernels.chain import forward
-from workcell.ik.kernels.distance import HALFSPACE, signed_distance
-from workcell.ik.kernels.options import Arm, World, inner, kernel
+from workcell.geometry.kernels.chain import Arm, forward
+from workcell.geometry.kernels.distance import HALFSPACE, signed_distance
+from workcell.ik.kernels.options import World
+from workcell.jit import inner, kernel
 from workcell.pose import Array
 
 MOST_CONTACTS = 128

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
-from workcell.ik.kernels.chain import ROTATION_WEIGHT, forward, pose_error
-from workcell.ik.kernels.options import Arm, inner
+from workcell.geometry.kernels.chain import Arm, forward
+from workcell.ik.kernels.chain import ROTATION_WEIGHT, pose_error
+from workcell.jit import inner
 from workcell.pose import Array
 
 

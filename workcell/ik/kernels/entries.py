@@ -1,9 +1,10 @@
 """What solvers call: every compiled entry point, and the structures and constants that go with them."""
 
+from workcell.geometry.kernels.chain import Arm
 from workcell.ik.kernels.constrained import refine
 from workcell.ik.kernels.contact import smallest_gaps
 from workcell.ik.kernels.free import descend_batch, polish_batch, solve_targets
-from workcell.ik.kernels.options import Arm, World
+from workcell.ik.kernels.options import World
 from workcell.ik.kernels.search import (
     ARC,
     BEST,

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from workcell.ik.kernels.chain import forward, pose_error, read_target, seed
+from workcell.geometry.kernels.chain import Arm, forward
+from workcell.ik.kernels.chain import pose_error, read_target, seed
 from workcell.ik.kernels.descent import descend
 from workcell.ik.kernels.newton import polish
-from workcell.ik.kernels.options import Arm, RandomState, Work, inner, kernel, scratch
+from workcell.ik.kernels.options import RandomState, Work, scratch
+from workcell.jit import inner, kernel
 from workcell.pose import Array
 
 SEEDS = 4

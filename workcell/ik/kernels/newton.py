@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 
-from workcell.ik.kernels.chain import forward, jacobian, move, pose_error
+from workcell.geometry.kernels.chain import Arm, forward
+from workcell.ik.kernels.chain import jacobian, move, pose_error
 from workcell.ik.kernels.linear import factor6, gram, solve6
-from workcell.ik.kernels.options import Arm, Work, inner
+from workcell.ik.kernels.options import Work
+from workcell.jit import inner
 from workcell.pose import Array
 
 LONGEST_STEP = 2.0

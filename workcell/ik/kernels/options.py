@@ -1,70 +1,14 @@
-"""How kernels are compiled, and the structures they share."""
+"""The structures that the kernels share, and their random numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from workcell.jit import inner
 from workcell.pose import Array
-
-_STAMP = tuple(
-    (file.name, file.stat().st_mtime, file.stat().st_size)
-    for file in sorted(Path(__file__).parent.glob("*.py"))
-)
-
-Function = TypeVar("Function", bound=Callable[..., object])
-
-# Everything but "no NaN, no infinity": a step that breaks down must be seen as one.
-_FAST = {"contract", "reassoc", "nsz", "arcp"}
-
-
-def kernel(function: Function) -> Function:
-    """Compile an entry point on first use, cached on disk, without the interpreter's lock."""
-    compiled: Function = _compiled(function, nogil=True)
-    return compiled
-
-
-def inner(function: Function) -> Function:
-    """Compile what only other kernels call: without the wrappers for Python and C, which cost compile time."""
-    compiled: Function = _compiled(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-    return compiled
-
-
-def _compiled(function: Any, **options: bool) -> Any:
-    options_for_all = {"error_model": "numpy", "fastmath": _FAST, **options}
-    try:
-        return _stamped(njit(cache=True, **options_for_all)(function))
-    except RuntimeError:
-        # Neither the package's folder nor the user's cache can be written to: compile in every process.
-        return njit(**options_for_all)(function)
-
-
-def _stamped(compiled: Any) -> Any:
-    """Let a cached kernel go stale with any file of this folder: numba looks at the kernel's own file only, not at those
-    it calls into. There is no public way to say so; without the attribute numba's own rule holds.
-    """
-    cache_file: Any = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
-    if hasattr(cache_file, "_source_stamp"):
-        cache_file._source_stamp = _STAMP
-    return compiled
-
-
-class Arm(NamedTuple):
-    """A serial chain for the kernels, every joint axis turned into its frame's z.
-
-    Attributes:
-        frames: (n + 2, 13) base, joints and tool: rotation (9, row-major) and position (3) in the frame before, then 1
-            for a prismatic joint.
-        bounds: (3, n) lower and upper limits, and 1 where whole turns fit in between.
-    """
-
-    frames: Array
-    bounds: Array
 
 
 class World(NamedTuple):

@@ -7,13 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.ik.kernels.chain import forward, read_target
+from workcell.geometry.kernels.chain import Arm, forward
+from workcell.ik.kernels.chain import read_target
 from workcell.ik.kernels.contact import Contacts, collect, room
 from workcell.ik.kernels.free import restart
 from workcell.ik.kernels.newton import polish
-from workcell.ik.kernels.options import Arm, Work, World, inner, kernel, scratch, uniform
+from workcell.ik.kernels.options import Work, World, scratch, uniform
 from workcell.ik.kernels.slide import slide
 from workcell.ik.kernels.trace import Walked, accept, remember, walk, was_walked
+from workcell.jit import inner, kernel
 from workcell.pose import Array
 
 FOUND, SPENT, EXHAUSTED = 1, 0, -1

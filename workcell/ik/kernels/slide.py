@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from workcell.ik.kernels.chain import forward, jacobian, move, pose_error
+from workcell.geometry.kernels.chain import Arm, forward
+from workcell.ik.kernels.chain import jacobian, move, pose_error
 from workcell.ik.kernels.contact import Contacts, collect, contact_row
 from workcell.ik.kernels.linear import factor, solve
-from workcell.ik.kernels.options import Arm, Work, World, inner
+from workcell.ik.kernels.options import Work, World
+from workcell.jit import inner
 from workcell.pose import Array
 
 HINGE_MARGIN = 3e-4

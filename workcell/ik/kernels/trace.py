@@ -13,11 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from workcell.ik.kernels.chain import forward, jacobian, move, pose_error
+from workcell.geometry.kernels.chain import Arm, forward
+from workcell.ik.kernels.chain import jacobian, move, pose_error
 from workcell.ik.kernels.contact import Contacts, collect, idle_stretch
 from workcell.ik.kernels.linear import factor6, gram, solve6
 from workcell.ik.kernels.newton import polish
-from workcell.ik.kernels.options import Arm, Work, World, inner
+from workcell.ik.kernels.options import Work, World
+from workcell.jit import inner
 from workcell.pose import Array
 
 LONGEST = 0.12

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from workcell.ik.kernels.options import inner
+from workcell.jit import inner
 from workcell.pose import Array
 
 BOX, BALL, CAPSULE, CYLINDER, ELLIPSOID, HALFSPACE, HULL = range(7)

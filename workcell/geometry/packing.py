@@ -1,0 +1,156 @@
+"""Robots, sphere covers and obstacles as arrays for the compiled kernels, each packed once and remembered."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from workcell.errors import InputError
+from workcell.geometry.types import Piece, SphereCover
+from workcell.model.robot import Robot
+from workcell.pose import Array, quat_to_matrix
+from workcell.remember import ByIdentity
+
+if TYPE_CHECKING:
+    from workcell.geometry.kernels.chain import Arm
+
+KINDS = {"box": 0, "sphere": 1, "capsule": 2, "cylinder": 3, "ellipsoid": 4, "halfspace": 5, "hull": 6}
+"""Codes of `workcell.geometry.kernels.distance`."""
+_TURN = 2 * np.pi
+_UPRIGHT = np.eye(3).ravel()
+
+_arms, _frames, _covers = ByIdentity(), ByIdentity(), ByIdentity()
+
+
+def pack_arm(robot: Robot) -> Arm:
+    """The robot's chain to its default tool, with its own limits."""
+    return _arms.get((robot,), lambda: _arm(robot))
+
+
+def joint_bounds(robot: Robot, lower: Array, upper: Array) -> Array:
+    """Limits (3, n) as in `Arm`."""
+    whole_turns = ~robot.prismatic & (upper - lower >= _TURN - 1e-9)
+    return np.stack([lower, upper, whole_turns.astype(float)])
+
+
+def _arm(robot: Robot) -> Arm:
+    from workcell.geometry.kernels.chain import Arm
+
+    tool = robot.tool()
+    if tool.link != robot.dof:
+        raise InputError(
+            f"the tool {tool.name!r} of {robot.name} sits on link {tool.link} of {robot.dof}",
+            where="robot",
+            remedy="pass robot.chain(tool), the joints up to the tool",
+        )
+    turned = axis_frames(robot)
+    frames = np.zeros((robot.dof + 2, 13))
+    frames[0, :9], frames[0, 9:12] = robot.T_world_base.rotation.ravel(), robot.T_world_base.position
+    for k in range(robot.dof):
+        back = turned[k].T
+        frames[k + 1, :9] = (back @ robot.joint_rotation[k] @ turned[k + 1]).ravel()
+        frames[k + 1, 9:12] = back @ robot.joint_xyz[k]
+        frames[k + 1, 12] = float(robot.prismatic[k])
+    frames[-1, :9] = (turned[-1].T @ tool.T_link_tool.rotation).ravel()
+    frames[-1, 9:12] = turned[-1].T @ tool.T_link_tool.position
+    return Arm(frames, joint_bounds(robot, robot.lower, robot.upper))
+
+
+def axis_frames(robot: Robot) -> Array:
+    """(n + 1, 3, 3) for each link a frame in it whose z is the axis of its joint; the base's own for link 0."""
+    return _frames.get((robot,), lambda: _axis_frames(robot))
+
+
+def _axis_frames(robot: Robot) -> Array:
+    z = robot.axis
+    across = np.eye(3)[np.argmin(np.abs(z), axis=1)]
+    x = np.cross(across, z)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    turned = np.stack([x, np.cross(z, x), z], axis=-1)
+    return np.concatenate([np.eye(3)[None], turned])
+
+
+def pack_cover(robot: Robot, cover: SphereCover, shrunk: bool = False) -> tuple[Array, Array]:
+    """A cover's spheres (m, 6) and the links' balls (n + 1, 6), as in `World`; shrunk: without their overshoot."""
+    packed = _covers.get((robot, cover), lambda: (_cover(robot, cover, False), _cover(robot, cover, True)))
+    return packed[1] if shrunk else packed[0]
+
+
+def _cover(robot: Robot, cover: SphereCover, shrunk: bool) -> tuple[Array, Array]:
+    order = np.argsort(cover.link, kind="stable")
+    link = cover.link[order]
+    centre = np.einsum("kji,kj->ki", axis_frames(robot)[link], cover.centre[order])
+    radius = cover.radius - cover.overshoot if shrunk and cover.overshoot is not None else cover.radius
+    radius = np.maximum(radius, 0.0)[order]
+    spheres = np.column_stack([centre, radius, order.astype(float), link.astype(float)])
+    balls = np.zeros((robot.dof + 1, 6))
+    first, last = np.searchsorted(link, np.arange(robot.dof + 1), "left"), np.searchsorted(link, np.arange(robot.dof + 1), "right")  # fmt: skip
+    for k, (a, b) in enumerate(zip(first, last, strict=True)):
+        balls[k, 4:] = a, b
+        if a < b:
+            middle = 0.5 * (centre[a:b] + radius[a:b, None]).max(0) + 0.5 * (
+                centre[a:b] - radius[a:b, None]
+            ).min(0)
+            balls[k, :3] = middle
+            balls[k, 3] = (np.linalg.norm(centre[a:b] - middle, axis=1) + radius[a:b]).max()
+    return spheres, balls
+
+
+def pack_obstacles(pieces: Sequence[Piece]) -> tuple[Array, Array]:
+    """Obstacles (k, 19) and triangles of hulls (f, 13), as in `World`."""
+    rows = np.zeros((len(pieces), 19))
+    faces: list[Array] = []
+    if not pieces:
+        return rows, np.zeros((0, 13))
+    poses = [piece.pose for piece in pieces]
+    sizes = [piece.size for piece in pieces]
+    rows[:, 0] = [KINDS[piece.kind] for piece in pieces]
+    rows[:, 1:4] = np.concatenate([pose.position for pose in poses]).reshape(-1, 3)
+    rows[:, 4:13] = _rotations(np.concatenate([pose.quat_wxyz for pose in poses]).reshape(-1, 4))
+    flat = np.concatenate(sizes)
+    if len(flat) == 3 * len(pieces):
+        rows[:, 13:16] = flat.reshape(-1, 3)
+    else:
+        widths = np.array([len(size) for size in sizes])
+        rows[:, 13:16][np.arange(3) < widths[:, None]] = flat
+    rows[:, 16] = np.sqrt(rows[:, 13:16] ** 2 @ np.ones(3))
+    kind = rows[:, 0]
+    if not kind.any():
+        return rows, np.zeros((0, 13))
+    capsule = kind == KINDS["capsule"]
+    rows[capsule, 16] = rows[capsule, 13] + rows[capsule, 14]
+    for row in map(int, np.flatnonzero(kind == KINDS["hull"])):
+        vertices = pieces[row].vertices
+        assert vertices is not None
+        surface = _surface(vertices.tobytes())
+        rows[row, 16] = np.linalg.norm(vertices, axis=1).max()
+        start = sum(map(len, faces))
+        rows[row, 17:19] = start, start + len(surface)
+        faces.append(surface)
+    return rows, np.concatenate(faces) if faces else np.zeros((0, 13))
+
+
+def _rotations(quats: Array) -> Array:
+    """Rows (k, 9) of rotations; most obstacles stand upright."""
+    if not np.any(quats[:, 1:]):
+        return _UPRIGHT
+    return quat_to_matrix(quats).reshape(-1, 9)
+
+
+@functools.lru_cache(maxsize=512)
+def _surface(vertex_bytes: bytes) -> Array:
+    """The triangles (f, 13) of a hull: outward unit normal, offset, corners counter-clockwise about the normal."""
+    from scipy.spatial import ConvexHull
+
+    vertices = np.frombuffer(vertex_bytes).reshape(-1, 3)
+    hull = ConvexHull(vertices)
+    corners = vertices[hull.simplices]
+    normal = hull.equations[:, :3]
+    turn = np.einsum(
+        "fi,fi->f", np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), normal
+    )
+    corners[turn < 0] = corners[turn < 0][:, [0, 2, 1]]
+    return np.column_stack([hull.equations, corners.reshape(-1, 9)])

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from workcell.geometry.types import Piece, SphereCover
+from workcell.ik.exact import ExactDistances, ExactKinematics, smallest_clearance
+from workcell.ik.problem import IKProblem
 from workcell.model.robot import Robot, Tool
 from workcell.pose import Pose, axis_angle_to_matrix
 
@@ -51,6 +53,26 @@ def beads(robot: Robot, radius: float = 0.05) -> SphereCover:
 def box(name: str, centre: tuple[float, ...], half: tuple[float, ...]) -> Piece:
     """An axis-aligned box."""
     return Piece(name, "box", Pose.from_xyz(centre), np.array(half))
+
+
+def hugged(robot, cover, rng, count=25) -> IKProblem:
+    """A problem whose hidden solution has boxes 1 to 40 mm away on many sides: a thin set of solutions."""
+    q = robot.random_configuration(rng)
+    kinematics = ExactKinematics(robot)
+    rotation, position = kinematics.links(q)
+    centres = (rotation[cover.link] @ cover.centre[..., None])[..., 0] + position[cover.link]
+    pieces: list[Piece] = []
+    while len(pieces) < count:
+        half, direction = rng.uniform(0.03, 0.12, 3), rng.normal(size=3)
+        chosen = rng.integers(len(cover))
+        reach = cover.radius[chosen] + rng.uniform(0.03, 0.2)
+        piece = box(
+            f"box {len(pieces)}", centres[chosen] + reach * direction / np.linalg.norm(direction), tuple(half)
+        )
+        gap = smallest_clearance(cover, rotation, position, ExactDistances((piece,)))[0]
+        if 1e-3 < gap < 0.04:
+            pieces.append(piece)
+    return IKProblem(robot, robot.fk(q), tuple(pieces), cover)
 
 
 def _unit(v):

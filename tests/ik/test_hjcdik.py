@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.ik.arms import beads, box, planar, random_arm, seven
+from tests.ik.arms import beads, box, hugged, random_arm, seven
 from workcell.errors import InputError
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.exact import ExactDistances, ExactKinematics, smallest_clearance
-from workcell.ik.hjcdik import sample_solutions, solve_hjcd
+from workcell.ik.hjcdik import solve_hjcd
 from workcell.ik.problem import Budget, Clearance, IKProblem, Tolerances
 from workcell.ik.refine import refine
 from workcell.ik.verify import verify
@@ -23,26 +23,6 @@ from workcell.model.robot import Tool
 from workcell.pose import Pose
 
 BUDGET = Budget(10.0)
-
-
-def hugged(robot, cover, rng, count=25) -> IKProblem:
-    """A problem whose hidden solution has boxes 1 to 40 mm away on many sides: a thin set of solutions."""
-    q = robot.random_configuration(rng)
-    kinematics = ExactKinematics(robot)
-    rotation, position = kinematics.links(q)
-    centres = (rotation[cover.link] @ cover.centre[..., None])[..., 0] + position[cover.link]
-    pieces: list[Piece] = []
-    while len(pieces) < count:
-        half, direction = rng.uniform(0.03, 0.12, 3), rng.normal(size=3)
-        chosen = rng.integers(len(cover))
-        reach = cover.radius[chosen] + rng.uniform(0.03, 0.2)
-        piece = box(
-            f"box {len(pieces)}", centres[chosen] + reach * direction / np.linalg.norm(direction), tuple(half)
-        )
-        gap = smallest_clearance(cover, rotation, position, ExactDistances((piece,)))[0]
-        if 1e-3 < gap < 0.04:
-            pieces.append(piece)
-    return IKProblem(robot, robot.fk(q), tuple(pieces), cover)
 
 
 def accepted(problem, candidate) -> bool:
@@ -190,29 +170,6 @@ def test_an_outer_cover_is_forgiven_its_overshoot_where_another_judges():
     problem = IKProblem(robot, robot.fk(q), tight, fat, checker=checker)
     assert accepted(problem, solve_hjcd(problem, BUDGET, 0))
     assert solve_hjcd(replace(problem, checker=None), Budget(0.3), 0).q is None
-
-
-def test_samples_are_solutions_and_differ():
-    robot = seven()
-    problem = hugged(robot, beads(robot, 0.02), np.random.default_rng(2), 6)
-    samples = sample_solutions(problem, 8, seed=1, budget=BUDGET)
-    assert len(samples) == 8
-    assert all(verify(problem, q).accepted for q in samples)
-    apart = np.abs(samples[:, None] - samples[None]).max(-1) + np.eye(8)
-    assert apart.min() >= 0.05
-    assert np.array_equal(samples, sample_solutions(problem, 8, seed=1, budget=BUDGET))
-    free = sample_solutions(IKProblem(robot, problem.target), 5)
-    assert len(free) == 5
-    with pytest.raises(InputError, match="at least 1"):
-        sample_solutions(problem, 0)
-
-
-def test_samples_of_an_arm_with_two_solutions():
-    robot = planar((0.5, 0.4))
-    problem = IKProblem(robot, robot.fk(np.array([0.3, 0.9])))
-    # position and orientation together leave one branch of the two
-    assert len(sample_solutions(problem, 4, budget=Budget(0.1))) == 1
-    assert len(sample_solutions(IKProblem(robot, Pose.from_xyz([3, 0, 0])), 2, budget=Budget(0.02))) == 0
 
 
 @pytest.mark.parametrize("dof", [7, 9])

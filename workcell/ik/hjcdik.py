@@ -12,9 +12,7 @@ import time
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from workcell.errors import InputError
 from workcell.ik.hjcd_batch import BatchSolution, smallest_gaps, solve_batch, solve_two_phase
 from workcell.ik.packing import (
     has_collisions,
@@ -33,8 +31,8 @@ from workcell.pose import Array
 
 __all__ = [
     "BatchSolution",
+    "collect_solutions",
     "prepare",
-    "sample_solutions",
     "smallest_gaps",
     "solve_batch",
     "solve_hjcd",
@@ -53,10 +51,6 @@ MOST_CHECKS = 300
 """Candidates shown to a problem's own checker before the search gives up."""
 NEAR_MISSES = 5
 """Reasons that are reported."""
-POOL = 4
-"""Solutions collected for each that is asked for."""
-DISTINCT = 0.05
-"""Radians or metres by which two solutions differ in some joint, to count as two."""
 MANY_JOINTS = 8
 """Joints from which near misses are refined: the self-motion is more than the curve that is walked."""
 NEARBY = 12
@@ -96,43 +90,24 @@ def solve_hjcd(problem: IKProblem, budget: Budget, seed: int = 0) -> Candidate:
     return _solve_free(problem, deadline, seed)
 
 
-def sample_solutions(problem: IKProblem, count: int, seed: int = 0, budget: Budget | None = None) -> Array:
-    """Up to `count` solutions (k, n) that differ: by joint-space distance, so in elbow, wrist, shoulder where those can.
+def collect_solutions(
+    problem: IKProblem, most: int, seed: int = 0, budget: Budget | None = None
+) -> list[Array]:
+    """Up to `most` solutions (n,) in the order in which random seeds and self-motion curves yield them.
 
-    Solutions are collected from random seeds and along self-motion curves until there are `POOL` times as many as
-    wanted, the search is exhausted or the budget (default 1 s of CPU) is spent; then the ones farthest from each other
-    are chosen, greedily. Every one keeps pose, limits and clearance; a `checker` is asked about each.
-
-    Raises:
-        InputError: a count below 1.
+    Ends early where the search is exhausted or the budget (default 1 s of CPU) is spent. Every one keeps pose, limits
+    and clearance; a `checker` is asked about each. They may lie close to each other: see `workcell.ik.diverse`.
     """
-    if count < 1:
-        raise InputError(f"{count} solutions are none", where="count", remedy="at least 1")
     prepare(refinement=problem.robot.dof >= MANY_JOINTS)
     deadline = time.process_time() + (budget or Budget(1.0)).cpu_s
     search = _Search(problem, seed)
     found: list[Array] = []
-    while len(found) < POOL * count:
+    while len(found) < most and time.process_time() < deadline:
         q = search.run(deadline).q
         if q is None:
             break
         found.append(np.array(q))
-    if not found:
-        return np.empty((0, problem.robot.dof))
-    return _farthest(np.stack(found), problem.robot.prismatic, count)
-
-
-def _farthest(q: Array, prismatic: NDArray[np.bool_], count: int) -> Array:
-    """Up to `count` rows of q (k, n), each the farthest (largest joint difference, modulo turns) from those before."""
-    chosen, distance = [0], np.full(len(q), np.inf)
-    while len(chosen) < min(count, len(q)):
-        difference = np.abs(q - q[chosen[-1]])
-        turned = np.abs(difference - 2 * np.pi * np.round(difference / (2 * np.pi)))
-        distance = np.minimum(distance, np.where(prismatic, difference, turned).max(axis=1))
-        if distance.max() < DISTINCT:
-            break
-        chosen.append(int(distance.argmax()))
-    return q[chosen]
+    return found
 
 
 def target_row(problem: IKProblem) -> Array:

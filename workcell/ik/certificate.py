@@ -161,6 +161,10 @@ def _content(problem: IKProblem) -> Iterator[Any]:
         if value is not None:
             yield from (name, value)
     yield from (tolerances.position, tolerances.rotation, tolerances.safety_margin)
+    if problem.goal != "pose":
+        yield from ("goal", problem.goal)
+    if problem.self_collision is not None:
+        yield from ("self collision", problem.self_collision)
 
 
 def _pose(pose: Pose) -> tuple[Array, Array]:

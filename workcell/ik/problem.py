@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Literal, Protocol, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.errors import InputError
 from workcell.geometry.types import FreeSpace, Piece, SphereCover
 from workcell.model.robot import Robot
 from workcell.pose import Array, Pose, read_only
+
+
+Goal = Literal["pose", "position", "axis"]
+"""What of the target counts: the whole pose; the tool's position alone; its position and the direction of its z axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +80,8 @@ class IKProblem:
         max_step: largest change of each joint against `q_reference` (scalar or (n,)), radians; None: no bound.
         max_link_rotation: bound r_b of Eq. 75 on the Frobenius change of each link's world rotation; None: no bound.
         tolerances: what counts as reached.
+        goal: what of the target counts, see `Goal`; the rotation's tolerance bounds the tilt of the z axis for `axis`.
+        self_collision: (p, 2) pairs of the cover's spheres that must keep clear of each other; None: none.
     """
 
     robot: Robot
@@ -88,8 +95,13 @@ class IKProblem:
     max_step: Array | float | None = None
     max_link_rotation: float | None = None
     tolerances: Tolerances = field(default_factory=Tolerances)
+    goal: Goal = "pose"
+    self_collision: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
+        if self.goal not in get_args(Goal):
+            raise InputError(f"unknown goal {self.goal!r}", where="goal", remedy=", ".join(get_args(Goal)))
+        self._check_pairs()
         if not self.robot.is_serial:
             raise InputError(
                 f"{self.robot.name} is a tree",
@@ -121,6 +133,21 @@ class IKProblem:
                     f"max_link_rotation must be positive, not {self.max_link_rotation}",
                     where="max_link_rotation",
                 )
+
+    def _check_pairs(self) -> None:
+        if self.self_collision is None:
+            return
+        pairs = np.asarray(self.self_collision)
+        spheres = 0 if self.cover is None else len(self.cover)
+        if pairs.ndim != 2 or pairs.shape[1] != 2 or not np.issubdtype(pairs.dtype, np.integer):
+            raise InputError("pairs of spheres are whole numbers (p, 2)", where="self_collision")
+        if np.any(pairs < 0) or np.any(pairs >= spheres) or np.any(pairs[:, 0] == pairs[:, 1]):
+            raise InputError(
+                "a pair names a sphere that isn't there, or the same one twice",
+                where="self_collision",
+                remedy=f"two different indices from 0 to {spheres - 1}" if spheres else "a cover",
+            )
+        object.__setattr__(self, "self_collision", read_only(pairs, np.int64))
 
     @property
     def T_base_tool(self) -> Pose:

@@ -121,7 +121,13 @@ def solve(problem: IKProblem, solver: str = AUTO, budget: Budget | None = None, 
     check_solver_name(solver)
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise InputError(f"the seed is {seed!r}", where="seed", remedy="a whole number >= 0")
+    if problem.goal != "pose" and solver not in (AUTO, "branch"):
+        raise InputError(
+            f"{solver} takes whole poses, not goals of kind {problem.goal!r}", where="solver", remedy="auto or branch"
+        )
     stages = _PORTFOLIO if solver == AUTO else ((solver, _SOLVERS[solver], 1.0),)
+    if problem.goal != "pose":
+        stages = (("branch", _branch, 1.0),)
     return _Portfolio(problem, solver, budget or Budget(), int(seed)).run(stages)
 
 

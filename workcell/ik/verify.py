@@ -63,10 +63,11 @@ class Verifier:
         rotation, position = self._kinematics.links(values)
         tool_rotation, tool_position = self._kinematics.tool(rotation, position)
         away = math.dist(tool_position.tolist(), problem.target.position.tolist())
-        turned = _angle(self._target_rotation @ tool_rotation.T)
+        turned = self._turned(tool_rotation)
         if problem.tool_pose is not None:
-            seen = problem.tool_pose(values).error_to(problem.target)
-            away, turned = max(away, seen[0]), max(turned, seen[1])
+            seen = problem.tool_pose(values)
+            away = max(away, math.dist(seen.position.tolist(), problem.target.position.tolist()))
+            turned = max(turned, self._turned(seen.rotation))
         clearance = self._clearance(values, rotation, position)
         limit_reasons = self._limit_reasons(values)
         reasons = (
@@ -77,14 +78,38 @@ class Verifier:
         )
         return Verification(away, turned, clearance, not limit_reasons, not reasons, reasons)
 
+    def _turned(self, tool_rotation: Array) -> float:
+        """Radians between the tool's rotation and the target's, as far as the goal asks for it."""
+        if self.problem.goal == "position":
+            return 0.0
+        if self.problem.goal == "axis":
+            one, two = self._target_rotation[:, 2], tool_rotation[:, 2]
+            return math.atan2(float(np.linalg.norm(np.cross(one, two))), float(one @ two))
+        return _angle(self._target_rotation @ tool_rotation.T)
+
     def _clearance(self, q: Array, rotation: Array, position: Array) -> Clearance:
         problem = self.problem
         if problem.checker is not None:
             return problem.checker(q)
-        if self._distances is None or problem.cover is None:
+        clearance = Clearance(float("inf"))
+        if self._distances is not None and problem.cover is not None:
+            distance, sphere, piece = smallest_clearance(problem.cover, rotation, position, self._distances)
+            clearance = Clearance(distance, (sphere_name(problem, sphere), problem.obstacles[piece].name))
+        own = self._own_clearance(rotation, position)
+        return own if own.distance < clearance.distance else clearance
+
+    def _own_clearance(self, rotation: Array, position: Array) -> Clearance:
+        """Smallest clearance among the pairs of spheres that must not touch."""
+        cover, pairs = self.problem.cover, self.problem.self_collision
+        if cover is None or pairs is None or not len(pairs):
             return Clearance(float("inf"))
-        distance, sphere, piece = smallest_clearance(problem.cover, rotation, position, self._distances)
-        return Clearance(distance, (sphere_name(problem, sphere), problem.obstacles[piece].name))
+        centres = np.einsum("mij,mj->mi", rotation[cover.link], cover.centre) + position[cover.link]
+        one, two = pairs.T
+        gaps = np.linalg.norm(centres[one] - centres[two], axis=1) - cover.radius[one] - cover.radius[two]
+        k = int(np.argmin(gaps))
+        return Clearance(
+            float(gaps[k]), (sphere_name(self.problem, int(one[k])), sphere_name(self.problem, int(two[k])))
+        )
 
     def _pose_reasons(self, away: float, turned: float) -> list[str]:
         allowed = self.problem.tolerances

@@ -233,34 +233,34 @@ def _add_running(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "review runs/shelf_grasp/shelf_grasp.rrd --png runs/shelf_grasp",
         _late("running", "review"),
     )
-    review.add_argument("file", metavar="FILE.rrd")
+    review.add_argument("file", metavar="FILE.rrd", nargs="+", help="a recording; two with --compare")
     review.add_argument("--png", metavar="DIR", help="write a contact sheet and plots there")
+    review.add_argument("--html", metavar="FILE", help="write one page that holds everything, pictures too")
+    review.add_argument("--compare", action="store_true", help="say what differs between two recordings")
     _json_option(review)
 
 
-def _positive(text: str) -> float:
-    value = float(text)
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not a positive number")
+def _number(text: str, kind: type, wanted: str, holds: Callable[[float], bool]) -> float:
+    try:
+        value: float = kind(text)
+    except ValueError:
+        value = float("nan")
+    if not (value < float("inf") and holds(value)):
+        raise argparse.ArgumentTypeError(f"{text!r} is not {wanted}")
     return value
+
+
+def _positive(text: str) -> float:
+    return _number(text, float, "a positive number", lambda value: value > 0)
 
 
 def _not_negative(text: str) -> float:
-    value = float(text)
-    if not 0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not a number of seconds")
-    return value
+    return _number(text, float, "a number of seconds", lambda value: value >= 0)
 
 
 def _positive_int(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{text} is not a positive whole number")
-    return value
+    return int(_number(text, int, "a positive whole number", lambda value: value > 0))
 
 
 def _non_negative_int(text: str) -> int:
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"{text} is negative")
-    return value
+    return int(_number(text, int, "a whole number, zero or more", lambda value: value >= 0))

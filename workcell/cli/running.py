@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from workcell.cli import exit_codes
 from workcell.cli.output import print_json, print_table
+
+if TYPE_CHECKING:
+    from workcell.record.review import Review
 
 
 def run(options: argparse.Namespace) -> int:
@@ -46,18 +50,49 @@ def _say(text: str) -> None:
 
 
 def review(options: argparse.Namespace) -> int:
-    """Verdict, metrics and pictures of a recording."""
+    """Verdict, metrics and pictures of a recording, or what differs between two."""
     from rich.console import Console
 
-    from workcell.record.pictures import write_pictures
     from workcell.record.review import review as read
 
-    result = read(Path(options.file))
-    pictures = write_pictures(result, Path(options.png)) if options.png else []
+    wanted = 2 if options.compare else 1
+    if len(options.file) != wanted:
+        options.parser.error(
+            "--compare takes two recordings" if options.compare else "give one recording; two with --compare"
+        )
+    if options.compare:
+        return _compare(options)
+    result = read(Path(options.file[0]))
+    written = _write_review(result, options)
     if options.json:
-        print_json({**result.to_json(), "pictures": [str(path) for path in pictures]})
+        print_json({**result.to_json(), "pictures": [str(path) for path in written]})
     else:
         Console().print(result.table())
-        for path in pictures:
+        for path in written:
             print(f"wrote {path}")
     return exit_codes.DONE if result.achieved else exit_codes.NOT_ACHIEVED
+
+
+def _write_review(result: Review, options: argparse.Namespace) -> list[Path]:
+    from workcell.record.page import write_page
+    from workcell.record.pictures import write_pictures
+
+    written = write_pictures(result, Path(options.png)) if options.png else []
+    return [*written, write_page(result, options.html)] if options.html else written
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from workcell.record.compare import compare
+    from workcell.record.review import review as read
+
+    if options.png or options.html:
+        options.parser.error("--png and --html draw one recording, not a comparison")
+    first, second = (read(Path(path)) for path in options.file)
+    comparison = compare(first, second)
+    if options.json:
+        print_json(comparison.to_json())
+    else:
+        Console().print(comparison.table())
+    return exit_codes.DONE if first.achieved and second.achieved else exit_codes.NOT_ACHIEVED

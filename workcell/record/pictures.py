@@ -43,14 +43,18 @@ class Moment:
 
 
 class Studio:
-    """Draws a stage from one camera; what never moves is drawn once."""
+    """Draws a stage from one camera; what never moves is drawn once.
 
-    def __init__(self, stage: Stage, camera: Camera) -> None:
-        self.stage = stage
-        # twice the size, halved at the end: smooth edges
-        self.camera = Camera(
-            camera.position, camera.target, 2 * camera.width, 2 * camera.height, camera.fov_deg
-        )
+    Args:
+        stage: what the recording shows.
+        camera: from where, and how large the pictures are.
+        smooth: draw twice the size and halve it, for smooth edges, at four times the work.
+    """
+
+    def __init__(self, stage: Stage, camera: Camera, smooth: bool = True) -> None:
+        self.stage, self._scale = stage, 2 if smooth else 1
+        width, height = self._scale * camera.width, self._scale * camera.height
+        self.camera = Camera(camera.position, camera.target, width, height, camera.fov_deg)
         still, self._glass = _split(stage.surfaces(0.0, _SOLID, moving=False))
         self._still: Buffers = rasterise(still, self.camera)
         self._light = Light.over(*_ball(stage), still)
@@ -65,11 +69,11 @@ class Studio:
         picture = blend(picture, buffers, self.camera, glass)
         for line in self.stage.lines(time):
             picture = draw_line(picture, buffers, self.camera, line)
-        return halve(picture)
+        return halve(picture) if self._scale == 2 else picture
 
     def place(self, point: Array) -> Array:
-        """Where a world point (3,) is in the halved picture (2,)."""
-        return self.camera.project(np.asarray(point)[None])[0, :2] / 2
+        """Where a world point (3,) is in the picture (2,)."""
+        return self.camera.project(np.asarray(point)[None])[0, :2] / self._scale
 
 
 def _split(surfaces: list[Surface]) -> tuple[list[Surface], list[Surface]]:
@@ -130,6 +134,11 @@ def contact_sheet(review: Review) -> Figure:
     return sheet.figure
 
 
+def has_planner_view(review: Review) -> bool:
+    """Whether spheres or cuboids were recorded."""
+    return any(thing.kind in ("spheres", "free_space") for thing in review.stage.things)
+
+
 def planner_view(review: Review) -> Figure:
     """The robot's spheres and the free cuboids at the start, with the planned path and the goals named."""
     width, height = _VIEW
@@ -156,7 +165,7 @@ def write_pictures(review: Review, directory: str | Path) -> list[Path]:
     """
     folder = Path(directory)
     makers = {"contact_sheet.png": contact_sheet, "plots.png": plot_metrics}
-    if any(thing.kind in ("spheres", "free_space") for thing in review.stage.things):
+    if has_planner_view(review):
         makers["planner_view.png"] = planner_view
     written = []
     for name, make in makers.items():

@@ -98,7 +98,7 @@ def test_a_recording_without_geometry_still_makes_a_page(tmp_path: Path) -> None
 
 
 def test_a_place_that_cannot_be_written_is_named(written: Path, toy_file: Path) -> None:
-    with pytest.raises(OutputError, match="the page can't be written"):
+    with pytest.raises(OutputError, match="can't be written"):
         write_page(review(toy_file), written / "below_a_file.html")
 
 

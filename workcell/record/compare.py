@@ -156,8 +156,8 @@ def _motion(robot: str, a: Series, b: Series) -> MotionDifference:
 
 
 def _events(first: Review, second: Review) -> list[str]:
-    texts = [[line.text for line in review.events] for review in (first, second)]
-    return [line for line in difflib.ndiff(*texts) if line[0] in "+-"]
+    before, after = ([line.text for line in review.events] for review in (first, second))
+    return [line for line in difflib.ndiff(before, after) if line[0] in "+-"]
 
 
 def _heads(first: Review, second: Review) -> list[Any]:

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from workcell.errors import OutputError
 from workcell.record.cameras import choose_cameras
 from workcell.record.pictures import Studio, contact_sheet, has_planner_view, key_moments, planner_view
 from workcell.record.plots import plot_metrics
+from workcell.record.summary import check_writable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -65,15 +65,9 @@ def write_page(review: Review, path: str | Path) -> Path:
     Raises:
         OutputError: the file can't be written.
     """
-    path, text = Path(path), page(review)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(
-            f"the page can't be written: {error.strerror}", where=path, remedy="choose another place"
-        ) from None
-    return path
+    check_writable(path)
+    Path(path).write_text(page(review), encoding="utf-8")
+    return Path(path)
 
 
 def page(review: Review) -> str:

@@ -1,6 +1,6 @@
 """Signed distances from points to convex obstacles, with their gradients: exact outside and inside.
 
-An obstacle is a row of `World.obstacles`; its kind is one of the codes below.
+An obstacle is a row as `workcell.geometry.packing.pack_obstacles` makes them; its kind is one of the codes below.
 """
 
 from __future__ import annotations
@@ -13,25 +13,22 @@ from workcell.pose import Array
 BOX, BALL, CAPSULE, CYLINDER, ELLIPSOID, HALFSPACE, HULL = range(7)
 Distance = tuple[float, float, float, float]
 """Signed distance in metres and its gradient."""
+_TINY = 1e-12
+"""Metres below which an offset has no direction."""
 
 
 @inner
 def signed_distance(obstacles: Array, faces: Array, j: int, x: float, y: float, z: float) -> Distance:
     """From the world point (x, y, z) to obstacle j, with the gradient in the world."""
-    x, y, z = x - obstacles[j, 1], y - obstacles[j, 2], z - obstacles[j, 3]
-    lx = obstacles[j, 4] * x + obstacles[j, 7] * y + obstacles[j, 10] * z
-    ly = obstacles[j, 5] * x + obstacles[j, 8] * y + obstacles[j, 11] * z
-    lz = obstacles[j, 6] * x + obstacles[j, 9] * y + obstacles[j, 12] * z
+    lx, ly, lz = _to_local(obstacles, j, x, y, z)
     a, b, c = obstacles[j, 13], obstacles[j, 14], obstacles[j, 15]
     kind = obstacles[j, 0]
     if kind == BOX:
-        d, u, v, w = _box(lx, ly, lz, a, b, c)
+        d, u, v, w = box_distance(lx, ly, lz, a, b, c)
     elif kind == CYLINDER:
         d, u, v, w = _cylinder(lx, ly, lz, a, b)
     elif kind == BALL or kind == CAPSULE:  # noqa: SIM109 -- compiles faster
-        w = lz - min(max(lz, -b), b)
-        r = max(math.sqrt(lx * lx + ly * ly + w * w), 1e-12)
-        d, u, v, w = r - a, lx / r, ly / r, w / r
+        d, u, v, w = _capsule(lx, ly, lz, a, b)
     elif kind == HALFSPACE:
         d, u, v, w = lz, 0.0, 0.0, 1.0
     elif kind == ELLIPSOID:
@@ -47,7 +44,37 @@ def signed_distance(obstacles: Array, faces: Array, j: int, x: float, y: float, 
 
 
 @inner
-def _box(x: float, y: float, z: float, a: float, b: float, c: float) -> Distance:
+def _to_local(obstacles: Array, j: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    x, y, z = x - obstacles[j, 1], y - obstacles[j, 2], z - obstacles[j, 3]
+    return (
+        obstacles[j, 4] * x + obstacles[j, 7] * y + obstacles[j, 10] * z,
+        obstacles[j, 5] * x + obstacles[j, 8] * y + obstacles[j, 11] * z,
+        obstacles[j, 6] * x + obstacles[j, 9] * y + obstacles[j, 12] * z,
+    )
+
+
+@inner
+def hull_height(obstacles: Array, faces: Array, j: int, x: float, y: float, z: float) -> float:
+    """Largest signed distance of a world point from the planes of hull j's facets: never above the signed distance."""
+    x, y, z = _to_local(obstacles, j, x, y, z)
+    highest = -1e300
+    for f in range(int(obstacles[j, 17]), int(obstacles[j, 18])):
+        highest = max(highest, faces[f, 0] * x + faces[f, 1] * y + faces[f, 2] * z + faces[f, 3])
+    return highest
+
+
+@inner
+def _capsule(x: float, y: float, z: float, radius: float, half: float) -> Distance:
+    z -= min(max(z, -half), half)
+    r = math.sqrt(x * x + y * y + z * z)
+    if r < _TINY:
+        return r - radius, 1.0, 0.0, 0.0
+    return r - radius, x / r, y / r, z / r
+
+
+@inner
+def box_distance(x: float, y: float, z: float, a: float, b: float, c: float) -> Distance:
+    """From a point in the box's frame, half sizes a, b, c."""
     ox, oy, oz = abs(x) - a, abs(y) - b, abs(z) - c
     sx, sy, sz = math.copysign(1.0, x), math.copysign(1.0, y), math.copysign(1.0, z)
     if ox <= 0 and oy <= 0 and oz <= 0:
@@ -63,34 +90,34 @@ def _box(x: float, y: float, z: float, a: float, b: float, c: float) -> Distance
 
 @inner
 def _cylinder(x: float, y: float, z: float, radius: float, half: float) -> Distance:
-    r = max(math.sqrt(x * x + y * y), 1e-12)
+    r = math.sqrt(x * x + y * y)
     over, above, up = r - radius, abs(z) - half, math.copysign(1.0, z)
+    u, v = (1.0, 0.0) if r < _TINY else (x / r, y / r)
     if over <= 0 or above <= 0:
         if over >= above:
-            return over, x / r, y / r, 0.0
+            return over, u, v, 0.0
         return above, 0.0, 0.0, up
     d = math.sqrt(over * over + above * above)
-    return d, x / r * over / d, y / r * over / d, up * above / d
+    return d, u * over / d, v * over / d, up * above / d
 
 
 @inner
 def _ellipsoid(x: float, y: float, z: float, a: float, b: float, c: float) -> Distance:
     """The foot of the normal is e_i^2 x_i / (t + e_i^2), with sum (e_i x_i / (t + e_i^2))^2 = 1 (Eberly, Distance
-    from a Point to an Ellipsoid, 2013); bisected in s = t + smallest e^2, on a logarithmic scale.
+    from a Point to an Ellipsoid, 2013). With s = t + smallest e^2 the sum is convex and falls; it starts between 1 and
+    3, so that Newton's iteration climbs to the root in a few steps.
     """
     smallest = min(a, b, c) ** 2
-    px, py, pz = max(abs(x), 1e-12), max(abs(y), 1e-12), max(abs(z), 1e-12)
+    px, py, pz = max(abs(x), _TINY), max(abs(y), _TINY), max(abs(z), _TINY)
     da, db, dc = a * a - smallest, b * b - smallest, c * c - smallest
-    low, high = 1e-26, math.sqrt((a * px) ** 2 + (b * py) ** 2 + (c * pz) ** 2)
-    for _ in range(100):
-        s = math.sqrt(low * high)
-        if (a * px / (s + da)) ** 2 + (b * py / (s + db)) ** 2 + (c * pz / (s + dc)) ** 2 > 1.0:
-            low = s
-        else:
-            high = s
-        if high - low < 1e-14 * high:
+    s = max(a * px - da, b * py - db, c * pz - dc)
+    for _ in range(60):
+        qa, qb, qc = a * px / (s + da), b * py / (s + db), c * pz / (s + dc)
+        excess = qa * qa + qb * qb + qc * qc - 1.0
+        step = 0.5 * excess / (qa * qa / (s + da) + qb * qb / (s + db) + qc * qc / (s + dc))
+        if not step > 1e-16 * s:
             break
-    s = math.sqrt(low * high)
+        s += step
     fx, fy, fz = a * a * px / (s + da), b * b * py / (s + db), c * c * pz / (s + dc)
     d = math.sqrt((px - fx) ** 2 + (py - fy) ** 2 + (pz - fz) ** 2)
     u, v, w = math.copysign(fx / (a * a), x), math.copysign(fy / (b * b), y), math.copysign(fz / (c * c), z)
@@ -113,10 +140,13 @@ def _hull(faces: Array, first: int, last: int, x: float, y: float, z: float) -> 
             cx, cy, cz = _nearest_in_triangle(faces, f, x, y, z)
             d = math.sqrt((x - cx) ** 2 + (y - cy) ** 2 + (z - cz) ** 2)
             if d < nearest:
-                nearest, u, v, w = d, (x - cx) / d, (y - cy) / d, (z - cz) / d
+                nearest, u, v, w = d, x - cx, y - cy, z - cz
     if depth <= 0.0:
         return depth, faces[face, 0], faces[face, 1], faces[face, 2]
-    return nearest, u, v, w
+    if nearest < _TINY:
+        # So small an offset is mostly rounding: the facet's normal is the better direction.
+        return nearest, faces[face, 0], faces[face, 1], faces[face, 2]
+    return nearest, u / nearest, v / nearest, w / nearest
 
 
 @inner

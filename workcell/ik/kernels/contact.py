@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from workcell.geometry.kernels.chain import Arm, forward
+from workcell.geometry.kernels.chain import Arm, carried, forward
 from workcell.geometry.kernels.distance import HALFSPACE, signed_distance
 from workcell.ik.kernels.options import World
 from workcell.jit import inner, kernel
@@ -50,17 +50,6 @@ def _out_of_reach(world: World, j: int, x: float, y: float, z: float, reach: flo
 
 
 @inner
-def _carried(T: Array, link: int, row: Array, k: int) -> tuple[float, float, float]:
-    """World position of the point in row k of spheres or balls, carried by a link."""
-    x, y, z = row[k, 0], row[k, 1], row[k, 2]
-    return (
-        T[link, 9] + T[link, 0] * x + T[link, 1] * y + T[link, 2] * z,
-        T[link, 10] + T[link, 3] * x + T[link, 4] * y + T[link, 5] * z,
-        T[link, 11] + T[link, 6] * x + T[link, 7] * y + T[link, 8] * z,
-    )
-
-
-@inner
 def collect(world: World, T: Array, margin: float, stop_below: float, contacts: Contacts) -> float:
     """All pairs with a gap below `margin`, for frames T; returns the smallest gap (`FAR` where none is near).
 
@@ -72,12 +61,12 @@ def collect(world: World, T: Array, margin: float, stop_below: float, contacts: 
         first, last = int(world.balls[link, 4]), int(world.balls[link, 5])
         if first == last:
             continue
-        bx, by, bz = _carried(T, link, world.balls, link)
+        bx, by, bz = carried(T, link, world.balls, link)
         for j in range(obstacles):
             if _out_of_reach(world, j, bx, by, bz, world.balls[link, 3] + margin):
                 continue
             for i in range(first, last):
-                x, y, z = _carried(T, link, world.spheres, i)
+                x, y, z = carried(T, link, world.spheres, i)
                 d, u, v, w = signed_distance(world.obstacles, world.faces, j, x, y, z)
                 gap: float = d - world.spheres[i, 3]
                 if gap < margin and count < MOST_CONTACTS:
@@ -125,7 +114,7 @@ def idle_stretch(world: World, T: Array, twist: Array, spare: float, hint: Array
         first, last = int(world.balls[link, 4]), int(world.balls[link, 5])
         if first == last:
             continue
-        bx, by, bz = _carried(T, link, world.balls, link)
+        bx, by, bz = carried(T, link, world.balls, link)
         for j in range(world.obstacles.shape[0]):
             if _out_of_reach(world, j, bx, by, bz, world.balls[link, 3] + world.required):
                 continue
@@ -142,7 +131,7 @@ def idle_stretch(world: World, T: Array, twist: Array, spare: float, hint: Array
 @inner
 def _stretch(world: World, T: Array, twist: Array, spare: float, i: int, j: int) -> float:
     link = int(world.spheres[i, 5])
-    x, y, z = _carried(T, link, world.spheres, i)
+    x, y, z = carried(T, link, world.spheres, i)
     gap = signed_distance(world.obstacles, world.faces, j, x, y, z)[0] - world.spheres[i, 3] - world.required
     if gap >= -1e-5:
         return 0.0

@@ -9,7 +9,7 @@ names the cells that samples have missed until none is left.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,7 @@ from workcell.errors import InputError
 from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.cover_cache import cached_cover, content_key
 from workcell.geometry.greedy import cover_union
+from workcell.geometry.inner import inner_link_cover, inner_obstacle_cover
 from workcell.geometry.pieces import model_pieces, move_piece, pieces_of_bodies, robot_pieces
 from workcell.geometry.reachable import ReachBall, part_in_reach
 from workcell.geometry.subdivision import cover_by_cells, expected_count
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 
     from workcell.model.robot import Robot
     from workcell.model.scene import Scene, SceneRobot
+
+CoverKind = Literal["outer", "inner"]
 
 
 def cover_piece(piece: Piece, overshoot: float) -> tuple[Array, Array, Array]:
@@ -100,27 +103,46 @@ def robot_cover(
     model: mujoco.MjModel,
     robot: SceneRobot,
     *,
+    kind: CoverKind = "outer",
     overshoot: float = 0.02,
+    count: int | None = None,
+    share: float | None = None,
     qpos: ArrayLike | None = None,
     base: bool = False,
 ) -> SphereCover:
-    """Outer cover of a scene's robot, gripper included, in link frames.
+    """Cover of a scene's robot, gripper included, in link frames.
+
+    Guaranteed of an outer cover: every point of a link lies in one of its spheres. Of an inner one: every sphere lies
+    inside a piece of its link.
 
     Args:
         model: the scene's compiled model.
         robot: the robot.
-        overshoot: metres that a sphere may stick out of its link.
+        kind: `outer` or `inner`.
+        overshoot: metres that an outer sphere may stick out of its link.
+        count: spheres of an inner cover at most.
+        share: of the links' volume that an inner cover is to fill, as `inscribed_balls`.
         qpos: (nq,) where the joints that are not planned for stand; None: the gripper at its home.
         base: cover what no joint moves, too (a pedestal: it stands where it stands), as `obstacle_cover` does.
+
+    Raises:
+        InputError: an unknown kind, or a count, share or overshoot that makes no sense.
     """
-    return _cover_links(robot_pieces(model, robot, qpos), overshoot, base)
+    return _cover_links(robot_pieces(model, robot, qpos), kind, overshoot, count, share, base)
 
 
 def model_cover(
-    model: mujoco.MjModel, robot: Robot, *, overshoot: float = 0.02, base: bool = False
+    model: mujoco.MjModel,
+    robot: Robot,
+    *,
+    kind: CoverKind = "outer",
+    overshoot: float = 0.02,
+    count: int | None = None,
+    share: float | None = None,
+    base: bool = False,
 ) -> SphereCover:
     """The same for a robot file that was compiled by itself (`workcell.model.load.load_compiled`)."""
-    return _cover_links(model_pieces(model, robot), overshoot, base)
+    return _cover_links(model_pieces(model, robot), kind, overshoot, count, share, base)
 
 
 def attached_cover(
@@ -146,16 +168,26 @@ def attached_cover(
 
 
 def obstacle_cover(
-    pieces: Sequence[Piece], *, overshoot: float = 0.02, reach: ReachBall | None = None
+    pieces: Sequence[Piece],
+    *,
+    kind: CoverKind = "outer",
+    overshoot: float = 0.02,
+    count: int | None = None,
+    share: float | None = None,
+    reach: ReachBall | None = None,
 ) -> SphereCover:
-    """Outer cover of what stands still, piece by piece, by cells: quickly made and proved, with more balls than need be.
+    """Cover of what stands still, piece by piece; outer ones by cells: quickly made, with more balls than need be.
 
     Args:
         pieces: convex pieces in one frame.
-        overshoot: metres that a sphere may stick out of its piece.
+        kind: `outer` or `inner`, which is `inner_obstacle_cover`.
+        overshoot: metres that an outer sphere may stick out of its piece.
+        count, share: of an inner cover, for each piece.
         reach: cover only what `part_in_reach` says of each piece; None: all of it, half-spaces left out (no finite
             cover holds them).
     """
+    if kind == "inner":
+        return inner_obstacle_cover(pieces, count=count, share=share, reach=reach)
     check_overshoot(overshoot)
     covers = []
     for piece in pieces:
@@ -208,7 +240,20 @@ def merge_covers(*covers: SphereCover) -> SphereCover:
     )
 
 
-def _cover_links(links: Sequence[Sequence[Piece]], overshoot: float, base: bool) -> SphereCover:
+def _cover_links(
+    links: Sequence[Sequence[Piece]],
+    kind: CoverKind,
+    overshoot: float,
+    count: int | None,
+    share: float | None,
+    base: bool,
+) -> SphereCover:
+    if kind not in get_args(CoverKind):
+        raise InputError(f"unknown kind of cover {kind!r}", where="kind", remedy="outer or inner")
+    if kind == "inner":
+        return inner_link_cover(
+            [p if index or base else () for index, p in enumerate(links)], count=count, share=share
+        )
     moving = [cover_of(pieces, overshoot, link=link) for link, pieces in enumerate(links) if link]
     standing = [obstacle_cover(links[0], overshoot=overshoot)] if base else []
     return merge_covers(*standing, *moving)

@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,6 +33,7 @@ _COPIES = (
 )
 """Up to this batch size: share of the seeds that is kept, copies of each, their spread (share of the joints' ranges)."""
 _COPIES_ABOVE = (0.01, 2, 0.15)
+Sampling = Literal["uniform", "halton"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +64,7 @@ def solve_batch(
     restarts: int = 200,
     accuracy: float = ACCURACY,
     threads: int = 1,
+    device: str | None = None,
 ) -> BatchSolution:
     """One configuration for each of k targets, restarting until solved; the best found where that fails.
 
@@ -73,15 +76,22 @@ def solve_batch(
         restarts: most seeds a target.
         accuracy: residual in metres at which a target counts as solved.
         threads: targets are split among them; the kernels don't hold the interpreter's lock.
+        device: a Warp device (`cuda:0`, `cpu`) that solves all targets together, instead of numba's threads; needs the extra
+            `workcell[gpu]`. Other random numbers, so other solutions.
 
     Raises:
-        InputError: targets or configurations of the wrong shape, or not finite.
+        InputError: targets or configurations of the wrong shape, or not finite; no such device, or Warp isn't installed.
     """
     poses = _target_rows(targets)
     starts = np.empty((0, robot.dof)) if first is None else _configurations(robot, first, "first")
     starts = np.clip(starts, robot.lower, robot.upper)
     if len(starts) not in (0, len(poses)):
         raise InputError(f"{len(starts)} configurations for {len(poses)} targets", where="first")
+    if device is not None:
+        from workcell.ik.gpu.solver import WarpSolver
+
+        outcome = WarpSolver(pack_arm(robot), device).solve(poses, starts, restarts, accuracy, seed)
+        return BatchSolution(outcome.q, np.sqrt(outcome.cost), outcome.polished)
     arm, q, cost = pack_arm(robot), np.empty((len(poses), robot.dof)), np.empty(len(poses))
 
     def solve(part: slice) -> int:
@@ -96,21 +106,44 @@ def solve_batch(
 
 
 def solve_two_phase(
-    robot: Robot, target: Pose, batch: int, *, seed: int = 0, threads: int = 1
+    robot: Robot,
+    target: Pose,
+    batch: int,
+    *,
+    seed: int = 0,
+    threads: int = 1,
+    sampling: Sampling = "uniform",
+    device: str | None = None,
 ) -> BatchSolution:
-    """The paper's algorithm for one target: descend `batch` uniform seeds, polish perturbed copies of the best.
+    """The paper's algorithm for one target: descend `batch` seeds, polish perturbed copies of the best.
 
-    Phase one ends for all seeds when one comes within `COARSE`; how many are kept and copied depends on the batch
-    size as in the authors' code. The configurations come with the smallest residual first.
+    Phase one ends for all seeds when one comes within `COARSE` (on a Warp device each runs to its end: the answer must not
+    depend on which thread is first); how many are kept and copied depends on the batch size as in the authors'
+    code. The configurations come with the smallest residual first.
+
+    Args:
+        robot: serial; its default tool is placed. Obstacles don't count.
+        target: in the world.
+        batch: seeds.
+        seed: same seed, same answer (for a number of threads, or a device).
+        threads: of the numba kernels.
+        sampling: seeds uniform in the limits, or from a scrambled Halton sequence.
+        device: a Warp device (`cuda:0`, `cpu`), as in `solve_batch`.
 
     Raises:
-        InputError: a batch below 1.
+        InputError: a batch below 1, unknown sampling; no such device, or Warp isn't installed.
     """
     if batch < 1:
         raise InputError(f"a batch of {batch} seeds is empty", where="batch", remedy="at least 1")
     rng = np.random.default_rng(seed)
-    arm, pose = pack_arm(robot), _target_rows([target])[0]
-    seeds, cost = robot.random_configuration(rng, batch), np.empty(batch)
+    arm, pose, seeds = pack_arm(robot), _target_rows([target])[0], _seeds(robot, batch, sampling, rng)
+    if device is not None:
+        from workcell.ik.gpu.solver import WarpSolver
+
+        kept, copies, spread = _copying(batch)
+        outcome = WarpSolver(arm, device).two_phase(pose, seeds, SWEEPS, kept, copies, spread, ACCURACY, seed)
+        return _sorted(outcome.q, outcome.cost)
+    cost = np.empty(batch)
 
     def descend(part: slice) -> int:
         return int(kernels().descend_batch(arm, pose, seeds[part], SWEEPS, COARSE, cost[part]))
@@ -123,8 +156,23 @@ def solve_two_phase(
         kernels().polish_batch(arm, pose, ACCURACY, q[part], residual[part])
 
     _in_parts(polish, len(q), threads)
-    order = np.argsort(residual, kind="stable")
-    return BatchSolution(q[order], np.sqrt(residual[order]), len(q))
+    return _sorted(q, residual)
+
+
+def _sorted(q: Array, cost: Array) -> BatchSolution:
+    order = np.argsort(cost, kind="stable")
+    return BatchSolution(q[order], np.sqrt(cost[order]), len(q))
+
+
+def _seeds(robot: Robot, batch: int, sampling: Sampling, rng: np.random.Generator) -> Array:
+    if sampling == "uniform":
+        return robot.random_configuration(rng, batch)
+    if sampling != "halton":
+        raise InputError(f"unknown sampling {sampling!r}", where="sampling", remedy="uniform or halton")
+    from scipy.stats import qmc
+
+    unit: Array = qmc.Halton(robot.dof, seed=rng).random(batch)
+    return robot.lower + unit * (robot.upper - robot.lower)
 
 
 def smallest_gaps(problem: IKProblem, q: ArrayLike) -> tuple[Array, Array]:
@@ -143,11 +191,17 @@ def smallest_gaps(problem: IKProblem, q: ArrayLike) -> tuple[Array, Array]:
     return gap, gradient
 
 
+def _copying(batch: int) -> tuple[int, int, float]:
+    """Of a batch: how many of the best seeds are kept, copies of each, and their spread."""
+    rules = (rule[1:] for rule in _COPIES if batch <= rule[0])
+    share, copies, spread = next(rules, _COPIES_ABOVE)
+    return max(1, int(np.ceil(share * batch))), copies, spread
+
+
 def _perturbed_copies(robot: Robot, ranked: Array, rng: np.random.Generator) -> Array:
     """The best of the ranked seeds, each with normally perturbed copies; one copy is the seed itself."""
-    rules = (rule[1:] for rule in _COPIES if len(ranked) <= rule[0])
-    share, copies, spread = next(rules, _COPIES_ABOVE)
-    kept = ranked[: max(1, int(np.ceil(share * len(ranked))))]
+    count, copies, spread = _copying(len(ranked))
+    kept = ranked[:count]
     noise = rng.normal(size=(copies, *kept.shape)) * spread * (robot.upper - robot.lower)
     noise[0] = 0.0
     return np.clip((kept + noise).reshape(-1, robot.dof), robot.lower, robot.upper)

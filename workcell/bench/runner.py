@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-import json
-import os
-import signal
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, TextIO
+from typing import Any
 
 from workcell.bench.answers import Answer, answer_line, certificate_folder, read_answers
 from workcell.bench.problems import NamedProblem, ProblemSet
 from workcell.bench.reports import SolveSummary, VerifyReport
-from workcell.errors import OutputError, WorkcellError
+from workcell.bench.workers import output_file, run_lines, write_line
 from workcell.ik.check import STATUS_OF_SCOPE, check_certificate
 from workcell.ik.problem import Budget
 from workcell.ik.result import IKResult, Status
@@ -28,8 +21,6 @@ from workcell.ik.solve import AUTO, check_solver_name, solve
 from workcell.ik.verify import verify
 
 Progress = Callable[[], object]
-
-_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def problem_seed(seed: int, identity: str) -> int:
@@ -73,10 +64,10 @@ def solve_set(
         None if out is None else certificate_folder(out),
     )
     statuses, solvers, cpu = Counter[str](), Counter[str](), []
-    with _output(out) as file:
-        for line in _lines(task, jobs):
+    with output_file(out) as file:
+        for line in run_lines(task, jobs):
             if file is not None:
-                _write(file, line)
+                write_line(file, line)
             statuses[line["status"]] += 1
             if line["status"] not in (Status.NOT_FOUND.value, Status.SOLVER_ERROR.value):
                 solvers[line["solver"]] += 1
@@ -163,109 +154,10 @@ class _Task:
     seed: int
     certificates: Path | None
 
+    def __len__(self) -> int:
+        return len(self.problems)
+
     def line(self, index: int) -> dict[str, Any]:
         named = self.problems[index]
         result: IKResult = solve(named.problem, self.solver, self.budget, problem_seed(self.seed, named.id))
         return answer_line(named.id, result, self.certificates)
-
-
-_worker_task: _Task | None = None
-
-
-def _start_worker(task: _Task) -> None:
-    global _worker_task
-    # Ctrl-C reaches every process of the terminal; the parent alone answers it
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _worker_task = task
-
-
-def _reduce_mapping(mapping: MappingProxyType[str, Any]) -> tuple[Any, ...]:
-    """Read-only mappings can't be pickled by themselves."""
-    return _restore_mapping, (dict(mapping),)
-
-
-def _restore_mapping(values: dict[str, Any]) -> MappingProxyType[str, Any]:
-    return MappingProxyType(values)
-
-
-def _worker_line(index: int) -> dict[str, Any]:
-    assert _worker_task is not None
-    return _worker_task.line(index)
-
-
-def _lines(task: _Task, jobs: int) -> Iterator[dict[str, Any]]:
-    """Answers in the set's order."""
-    if jobs <= 1 or len(task.problems) <= 1:
-        yield from (task.line(index) for index in range(len(task.problems)))
-        return
-    import multiprocessing
-    from multiprocessing.reduction import ForkingPickler
-
-    ForkingPickler.register(MappingProxyType, _reduce_mapping)
-    others = set(multiprocessing.active_children())
-    with _single_threaded():
-        pool = ProcessPoolExecutor(
-            jobs, multiprocessing.get_context("spawn"), initializer=_start_worker, initargs=(task,)
-        )
-        try:
-            yield from pool.map(_worker_line, range(len(task.problems)))
-        except BrokenProcessPool:
-            raise WorkcellError(
-                "a worker process died", where="jobs", remedy="use fewer processes: memory may be short"
-            ) from None
-        except BaseException:
-            for process in set(multiprocessing.active_children()) - others:
-                process.terminate()
-            raise
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
-
-
-@contextlib.contextmanager
-def _single_threaded() -> Iterator[None]:
-    """Processes started inside use one BLAS thread each."""
-    before = {name: os.environ.get(name) for name in _ONE_THREAD}
-    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-@contextlib.contextmanager
-def _output(out: Path | None) -> Iterator[TextIO | None]:
-    """The open partial file, which takes its name when everything went well."""
-    if out is None:
-        yield None
-        return
-    partial = out.with_name(out.name + ".partial")
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        file = partial.open("w", encoding="utf-8")
-    except OSError as error:
-        raise OutputError(
-            f"can't be written: {error.strerror}", where=partial, remedy="choose a writable folder with --out"
-        ) from None
-    try:
-        yield file
-        file.close()
-        partial.replace(out)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"interrupted; the answers so far are in {partial}") from None
-    except OSError as error:
-        raise OutputError(
-            f"can't be written: {error.strerror}", where=out, remedy=f"the answers so far are in {partial}"
-        ) from None
-    finally:
-        # what is still buffered can't be written to a full disk when it is closed either
-        with contextlib.suppress(OSError):
-            file.close()
-
-
-def _write(file: TextIO, line: dict[str, Any]) -> None:
-    file.write(json.dumps(line) + "\n")
-    file.flush()

@@ -63,12 +63,26 @@ def _ikspark_local(problem: IKProblem, budget: Budget, seed: int) -> Candidate:
     return solve_ikspark(problem, budget, seed, local=True)
 
 
+def _cidgik(problem: IKProblem, budget: Budget, seed: int) -> Candidate:
+    from workcell.ik.cidgik import solve_cidgik
+
+    return solve_cidgik(problem, budget, seed)
+
+
+def _cidgik_local(problem: IKProblem, budget: Budget, seed: int) -> Candidate:
+    from workcell.ik.cidgik import solve_cidgik
+
+    return solve_cidgik(problem, budget, seed, local=True)
+
+
 _SOLVERS: dict[str, Solver] = {
     "hjcd": _hjcd,
     "branch": _branch,
     "multistart": solve_multistart,
     "ikspark": _ikspark,
     "ikspark+lm": _ikspark_local,
+    "cidgik": _cidgik,
+    "cidgik+lm": _cidgik_local,
 }
 
 AUTO = "auto"

@@ -2,148 +2,105 @@
 
 from __future__ import annotations
 
+import functools
+import importlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workcell.geometry.distance import KERNELS, closest_on_triangles
-from workcell.geometry.polytope import polytope_of
+from workcell.errors import InputError
+from workcell.geometry.packing import pack_shapes
 from workcell.geometry.types import Piece, SphereCover
 from workcell.model.robot import Robot
-from workcell.pose import Array, quat_to_matrix
-
-
-@dataclass(frozen=True, slots=True)
-class _Group:
-    """Pieces of one kind: their place in the list, rotation (k, 3, 3), position (k, 3) and sizes (k, s)."""
-
-    kind: str
-    index: NDArray[np.int64]
-    rotation: Array
-    position: Array
-    size: Array
-
-
-@dataclass(frozen=True, slots=True)
-class _Hull:
-    """One hull in the world: its place in the list, planes (f, 4), and triangle corners, each (t, 3).
-
-    The ball around its `middle`, a point inside, with `radius` holds all of it.
-    """
-
-    index: int
-    middle: Array
-    radius: float
-    planes: Array
-    a: Array
-    b: Array
-    c: Array
+from workcell.pose import Array
 
 
 class ObstacleArrays:
-    """Obstacle pieces packed by kind, once, for many distance queries.
+    """Obstacle pieces packed once, for many distance queries by compiled kernels.
 
     Args:
         pieces: convex pieces, all in one frame.
+
+    Raises:
+        ModelError: a hull without volume; `where` names the piece.
     """
 
     def __init__(self, pieces: Sequence[Piece]) -> None:
         self.pieces = tuple(pieces)
-        self._groups = [
-            _Group(
-                kind,
-                np.array([i for i, piece in enumerate(self.pieces) if piece.kind == kind]),
-                quat_to_matrix(np.array([p.pose.quat_wxyz for p in self.pieces if p.kind == kind])),
-                np.array([p.pose.position for p in self.pieces if p.kind == kind]),
-                np.array([p.size for p in self.pieces if p.kind == kind]),
-            )
-            for kind in sorted({piece.kind for piece in self.pieces} - {"hull"})
-        ]
-        self._hulls = [_hull(i, piece) for i, piece in enumerate(self.pieces) if piece.kind == "hull"]
+        self.shapes = pack_shapes(self.pieces)
+        self._packed_at = np.argsort(self.shapes.order)
 
     def __len__(self) -> int:
         return len(self.pieces)
 
     def distances(self, points: ArrayLike) -> Array:
         """Signed distances (..., k) in metres of points (..., 3) to the k pieces."""
-        return self.distances_and_gradients(points)[0]
+        flat, batch = _flat_points(points)
+        distance = np.empty((len(flat), len(self)))
+        _kernels().all_distances(self.shapes, flat, distance, np.empty((0, 0, 0)))
+        return distance.reshape(*batch, len(self))
 
     def distances_and_gradients(self, points: ArrayLike) -> tuple[Array, Array]:
         """Signed distances (..., k), and their gradients (..., k, 3) with respect to the points (..., 3)."""
-        x = np.asarray(points, dtype=float)
-        flat = x.reshape(-1, 3)
-        distance = np.empty((len(flat), len(self.pieces)))
-        gradient = np.empty((len(flat), len(self.pieces), 3))
-        for group in self._groups:
-            local = np.einsum("kji,nkj->nki", group.rotation, flat[:, None, :] - group.position)
-            found, direction = KERNELS[group.kind](local, group.size)
-            distance[:, group.index] = found
-            gradient[:, group.index] = np.einsum("kij,nkj->nki", group.rotation, direction)
-        for hull in self._hulls:
-            distance[:, hull.index], gradient[:, hull.index] = _hull_distances(hull, flat)
-        batch = x.shape[:-1]
-        return distance.reshape(*batch, len(self.pieces)), gradient.reshape(*batch, len(self.pieces), 3)
+        flat, batch = _flat_points(points)
+        distance, gradient = np.empty((len(flat), len(self))), np.empty((len(flat), len(self), 3))
+        _kernels().all_distances(self.shapes, flat, distance, gradient)
+        return distance.reshape(*batch, len(self)), gradient.reshape(*batch, len(self), 3)
+
+    def distances_to(self, points: ArrayLike, which: ArrayLike) -> tuple[Array, Array]:
+        """Signed distances (p,) and gradients (p, 3) of points (p, 3), each to the piece whose number (p,) is beside it."""
+        flat, _ = _flat_points(points)
+        index = np.asarray(which, dtype=np.int64)
+        if index.shape != (len(flat),) or np.any((index < 0) | (index >= len(self))):
+            raise InputError(
+                f"every point takes one piece from 0 to {len(self) - 1}",
+                where="which",
+                remedy="an array (p,)",
+            )
+        distance, gradient = np.empty(len(flat)), np.empty((len(flat), 3))
+        _kernels().pair_distances(self.shapes, flat, self._packed_at[index], distance, gradient)
+        return distance, gradient
 
     def floor(self, points: ArrayLike) -> Array:
         """A lower bound (...) on the signed distance of points (..., 3) to the nearest piece, exact inside.
 
         Only outside of hulls is it not exact: there it is the largest distance from a facet's plane.
         """
-        x = np.asarray(points, dtype=float)
-        flat = x.reshape(-1, 3)
-        distance = np.full(len(flat), np.inf)
-        for group in self._groups:
-            local = np.einsum("kji,nkj->nki", group.rotation, flat[:, None, :] - group.position)
-            distance = np.minimum(distance, KERNELS[group.kind](local, group.size)[0].min(axis=1))
-        for hull in self._hulls:
-            heights = flat @ hull.planes[:, :3].T + hull.planes[:, 3]
-            distance = np.minimum(distance, heights.max(axis=1))
-        return distance.reshape(x.shape[:-1])
+        flat, batch = _flat_points(points)
+        distance = np.empty(len(flat))
+        _kernels().floor_distances(self.shapes, flat, distance)
+        return distance.reshape(batch)
 
     def nearest(self, points: ArrayLike) -> tuple[Array, Array, NDArray[np.int64]]:
         """Signed distance (...) of points (..., 3) to the nearest piece, its gradient (..., 3), and the piece (...).
 
-        The same as the smallest of `distances_and_gradients`, but hulls that can't be the nearest are passed over.
+        The same as the smallest of `distances_and_gradients`, but pieces that can't be the nearest are passed over.
+        Without pieces: inf, zeros and -1.
         """
-        x = np.asarray(points, dtype=float)
-        flat = x.reshape(-1, 3)
-        distance, gradient = np.full(len(flat), np.inf), np.zeros((len(flat), 3))
-        index = np.full(len(flat), -1)
-        for group in self._groups:
-            local = np.einsum("kji,nkj->nki", group.rotation, flat[:, None, :] - group.position)
-            found, direction = KERNELS[group.kind](local, group.size)
-            best = np.argmin(found, axis=1)
-            picked = np.arange(len(flat)), best
-            rows = np.flatnonzero(found[picked] < distance)
-            distance[rows] = found[picked][rows]
-            gradient[rows] = np.einsum("nij,nj->ni", group.rotation[best[rows]], direction[picked][rows])
-            index[rows] = group.index[best[rows]]
-        self._nearest_hulls(flat, distance, gradient, index)
-        batch = x.shape[:-1]
+        flat, batch = _flat_points(points)
+        distance, gradient = np.empty(len(flat)), np.empty((len(flat), 3))
+        index = np.empty(len(flat), dtype=np.int64)
+        _kernels().nearest_distances(self.shapes, flat, distance, gradient, index)
         return distance.reshape(batch), gradient.reshape(*batch, 3), index.reshape(batch)
 
-    def _nearest_hulls(self, x: Array, distance: Array, gradient: Array, index: NDArray[np.int64]) -> None:
-        """Lower the distances of points (n, 3), in place, where a hull is nearer."""
-        if not self._hulls or len(x) == 0:
-            return
-        middles = np.array([hull.middle for hull in self._hulls])
-        away = np.linalg.norm(x[:, None, :] - middles, axis=2)
-        ceiling = np.minimum(distance, away.min(axis=1) + 1e-9)
-        floor = away - np.array([hull.radius for hull in self._hulls])
-        for column in np.argsort(floor.min(axis=0)):
-            hull = self._hulls[int(column)]
-            rows = np.flatnonzero(floor[:, column] <= ceiling)
-            if len(rows) == 0:
-                continue
-            heights = (x[rows] @ hull.planes[:, :3].T + hull.planes[:, 3]).max(axis=1)
-            rows = rows[heights <= ceiling[rows]]
-            found, direction = _hull_distances(hull, x[rows])
-            nearer = found < distance[rows]
-            rows = rows[nearer]
-            distance[rows], gradient[rows], index[rows] = found[nearer], direction[nearer], hull.index
-            ceiling[rows] = np.minimum(ceiling[rows], found[nearer])
+
+@functools.cache
+def _kernels() -> Any:
+    """Compiled kernels, imported on first use: numba takes half a second."""
+    return importlib.import_module("workcell.geometry.kernels.shapes")
+
+
+def _flat_points(points: ArrayLike) -> tuple[Array, tuple[int, ...]]:
+    """Points (p, 3) as the kernels take them (writable, without gaps), and the shape they had before."""
+    x = np.asarray(points, dtype=float)
+    if x.ndim == 0 or x.shape[-1] != 3:
+        raise InputError(f"points of shape {x.shape}", where="points", remedy="an array (..., 3)")
+    if not np.isfinite(x).all():
+        raise InputError("points that are not finite have no distance", where="points")
+    flat = np.ascontiguousarray(x.reshape(-1, 3))
+    return flat if flat.flags.writeable else flat.copy(), x.shape[:-1]
 
 
 def sphere_clearances(
@@ -203,32 +160,3 @@ def sphere_jacobians(robot: Robot, cover: SphereCover, T: Array) -> Array:
         moves[link, link - 1] = True
     jacobian: Array = np.swapaxes(np.where(moves[cover.link][..., None], columns, 0.0), -1, -2)
     return jacobian
-
-
-def _hull(index: int, piece: Piece) -> _Hull:
-    polytope = polytope_of(piece)
-    a, b, c = (polytope.vertices[polytope.triangles[:, k]] for k in range(3))
-    middle = polytope.vertices.mean(axis=0)
-    radius = float(np.linalg.norm(polytope.vertices - middle, axis=1).max())
-    return _Hull(index, middle, radius, polytope.planes, a, b, c)
-
-
-def _hull_distances(hull: _Hull, x: Array) -> tuple[Array, Array]:
-    """Inside: the nearest facet's plane; outside: the nearest point of the surface's triangles."""
-    heights = x @ hull.planes[:, :3].T + hull.planes[:, 3]
-    facet = np.argmax(heights, axis=1)
-    distance = heights[np.arange(len(x)), facet]
-    gradient = hull.planes[facet, :3].copy()
-    outside = np.flatnonzero(distance > 0)
-    for start in range(0, len(outside), 4096):
-        rows = outside[start : start + 4096]
-        nearest = closest_on_triangles(x[rows, None, :], hull.a, hull.b, hull.c)
-        offset = x[rows, None, :] - nearest
-        length = np.linalg.norm(offset, axis=-1)
-        best = np.argmin(length, axis=1)
-        picked = np.arange(len(rows)), best
-        # Where the offset is tiny its direction is mostly rounding: the facet's normal is the better answer.
-        clear = length[picked] > 1e-12
-        distance[rows] = length[picked]
-        gradient[rows[clear]] = offset[picked][clear] / length[picked][clear, None]
-    return distance, gradient

@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from workcell.errors import InputError
+from workcell.errors import InputError, ModelError
 from workcell.geometry.types import Piece, SphereCover
 from workcell.model.robot import Robot
 from workcell.pose import Array, quat_to_matrix
 from workcell.remember import ByIdentity
 
 if TYPE_CHECKING:
-    from workcell.geometry.kernels.chain import Arm
+    from workcell.geometry.kernels.chain import Arm, Tree
+    from workcell.geometry.kernels.shapes import Shapes
 
 KINDS = {"box": 0, "sphere": 1, "capsule": 2, "cylinder": 3, "ellipsoid": 4, "halfspace": 5, "hull": 6}
 """Codes of `workcell.geometry.kernels.distance`."""
@@ -23,6 +24,7 @@ _TURN = 2 * np.pi
 _UPRIGHT = np.eye(3).ravel()
 
 _arms, _frames, _covers = ByIdentity(), ByIdentity(), ByIdentity()
+_trees, _spheres = ByIdentity(), ByIdentity()
 
 
 def pack_arm(robot: Robot) -> Arm:
@@ -100,7 +102,15 @@ def _cover(robot: Robot, cover: SphereCover, shrunk: bool) -> tuple[Array, Array
 
 
 def pack_obstacles(pieces: Sequence[Piece]) -> tuple[Array, Array]:
-    """Obstacles (k, 19) and triangles of hulls (f, 13), as in `World`."""
+    """Obstacles (k, 19) and triangles of hulls (f, 13), for the kernels of `workcell.geometry.kernels.distance`.
+
+    A row is the kind (see `KINDS`), position (3) and rotation (9, row-major) of the frame, size (3), radius of the ball
+    around the position that holds all of it, first and last row in the triangles. A triangle is the outward unit normal
+    (3), offset, and corners (9) in that frame, whose origin is, for a hull, in its middle.
+
+    Raises:
+        ModelError: a hull without volume.
+    """
     rows = np.zeros((len(pieces), 19))
     faces: list[Array] = []
     if not pieces:
@@ -125,8 +135,9 @@ def pack_obstacles(pieces: Sequence[Piece]) -> tuple[Array, Array]:
     for row in map(int, np.flatnonzero(kind == KINDS["hull"])):
         vertices = pieces[row].vertices
         assert vertices is not None
-        surface = _surface(vertices.tobytes())
-        rows[row, 16] = np.linalg.norm(vertices, axis=1).max()
+        middle, radius, surface = _surface(vertices.tobytes(), pieces[row].name)
+        rows[row, 1:4] = poses[row].apply(middle)
+        rows[row, 16] = radius
         start = sum(map(len, faces))
         rows[row, 17:19] = start, start + len(surface)
         faces.append(surface)
@@ -141,16 +152,78 @@ def _rotations(quats: Array) -> Array:
 
 
 @functools.lru_cache(maxsize=512)
-def _surface(vertex_bytes: bytes) -> Array:
-    """The triangles (f, 13) of a hull: outward unit normal, offset, corners counter-clockwise about the normal."""
-    from scipy.spatial import ConvexHull
+def _surface(vertex_bytes: bytes, name: str) -> tuple[Array, float, Array]:
+    """A hull's middle (3,), the radius of the ball around it there, and its triangles (f, 13), seen from the middle:
+    outward unit normal, offset, corners counter-clockwise about the normal.
+    """
+    from scipy.spatial import ConvexHull, QhullError
 
     vertices = np.frombuffer(vertex_bytes).reshape(-1, 3)
-    hull = ConvexHull(vertices)
+    middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+    vertices = vertices - middle
+    try:
+        hull = ConvexHull(vertices)
+    except QhullError:
+        raise ModelError("the hull is flat", where=name, remedy="give the mesh a thickness") from None
     corners = vertices[hull.simplices]
     normal = hull.equations[:, :3]
     turn = np.einsum(
         "fi,fi->f", np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), normal
     )
     corners[turn < 0] = corners[turn < 0][:, [0, 2, 1]]
-    return np.column_stack([hull.equations, corners.reshape(-1, 9)])
+    radius = float(np.linalg.norm(vertices, axis=1).max())
+    return middle, radius, np.column_stack([hull.equations, corners.reshape(-1, 9)])
+
+
+def pack_shapes(pieces: Sequence[Piece]) -> Shapes:
+    """Pieces for the kernels of `workcell.geometry.kernels.shapes`.
+
+    Raises:
+        ModelError: a hull without volume.
+    """
+    from workcell.geometry.kernels.shapes import Shapes
+
+    rows, faces = pack_obstacles(pieces)
+    turned = rows[:, 4:13].reshape(-1, 3, 3)
+    # A quarter turn is still along the axes; the rounding of its rotation is dropped with it.
+    along = np.abs(turned) > 0.5
+    upright = (rows[:, 0] == KINDS["box"]) & np.all(np.abs(turned - np.round(turned)) < 1e-15, axis=(1, 2))
+    half = np.einsum("kij,kj->ki", along.astype(float), rows[:, 13:16])
+    boxes = np.ascontiguousarray(np.column_stack([rows[:, 1:4], half])[upright].T)
+    order = np.concatenate([np.flatnonzero(upright), np.flatnonzero(~upright)])
+    return Shapes(boxes, np.ascontiguousarray(rows[~upright]), faces, order)
+
+
+def pack_tree(robot: Robot) -> Tree:
+    """The robot's links, tools left out; it need not be serial."""
+    return _trees.get((robot,), lambda: _tree(robot))
+
+
+def _tree(robot: Robot) -> Tree:
+    from workcell.geometry.kernels.chain import Tree
+
+    turned, parents = axis_frames(robot), robot.parents
+    frames = np.zeros((robot.dof + 1, 13))
+    frames[0, :9], frames[0, 9:12] = robot.T_world_base.rotation.ravel(), robot.T_world_base.position
+    for k in range(robot.dof):
+        back = turned[parents[k]].T
+        frames[k + 1, :9] = (back @ robot.joint_rotation[k] @ turned[k + 1]).ravel()
+        frames[k + 1, 9:12] = back @ robot.joint_xyz[k]
+        frames[k + 1, 12] = float(robot.prismatic[k])
+    return Tree(frames, np.concatenate([[-1], parents]).astype(np.int64))
+
+
+def pack_spheres(robot: Robot, cover: SphereCover) -> Array:
+    """A cover's spheres (m, 5) in its own order: centre in the link's axis frame, radius, link."""
+    return _spheres.get((robot, cover), lambda: _sphere_rows(robot, cover))
+
+
+def _sphere_rows(robot: Robot, cover: SphereCover) -> Array:
+    if len(cover) and not (cover.link.min() >= 0 and cover.link.max() <= robot.dof):
+        raise InputError(
+            f"spheres on links {cover.link.min()} to {cover.link.max()} of {robot.name}",
+            where="cover",
+            remedy=f"links 0 (the base) to {robot.dof}",
+        )
+    centre = np.einsum("kji,kj->ki", axis_frames(robot)[cover.link], cover.centre)
+    return np.column_stack([centre, cover.radius, cover.link.astype(float)])

@@ -87,6 +87,15 @@ class CollisionModel:
         """Names of the geom pairs that are looked at."""
         return tuple((geom_name(self._model, a), geom_name(self._model, b)) for a, b in self._pairs)
 
+    @property
+    def self_links(self) -> frozenset[tuple[int, int]]:
+        """Pairs of the robot's links, the lower first, with geoms that are looked at."""
+        links = {body: k for k, bodies in enumerate(self.robot.link_body_ids) for body in bodies}
+        owners = [
+            sorted(links.get(int(body), -1) for body in self._model.geom_bodyid[pair]) for pair in self._pairs
+        ]
+        return frozenset((a, b) for a, b in owners if 0 <= a < b)
+
     def full_qpos(self, q: ArrayLike) -> Array:
         """Raw positions (nq,) of the whole scene with the robot at `q` (n,), the carried object with it."""
         qpos = np.array(self._qpos)

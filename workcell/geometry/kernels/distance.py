@@ -76,16 +76,17 @@ def _capsule(x: float, y: float, z: float, radius: float, half: float) -> Distan
 def box_distance(x: float, y: float, z: float, a: float, b: float, c: float) -> Distance:
     """From a point in the box's frame, half sizes a, b, c."""
     ox, oy, oz = abs(x) - a, abs(y) - b, abs(z) - c
-    sx, sy, sz = math.copysign(1.0, x), math.copysign(1.0, y), math.copysign(1.0, z)
-    if ox <= 0 and oy <= 0 and oz <= 0:
-        if ox >= oy and ox >= oz:
-            return ox, sx, 0.0, 0.0
-        if oy >= oz:
-            return oy, 0.0, sy, 0.0
-        return oz, 0.0, 0.0, sz
-    ox, oy, oz = max(ox, 0.0), max(oy, 0.0), max(oz, 0.0)
-    d = math.sqrt(ox * ox + oy * oy + oz * oz)
-    return d, sx * ox / d, sy * oy / d, sz * oz / d
+    px, py, pz = max(ox, 0.0), max(oy, 0.0), max(oz, 0.0)
+    square = px * px + py * py + pz * pz
+    if square > 0.0:
+        d = math.sqrt(square)
+        share = 1.0 / d
+        return d, math.copysign(px * share, x), math.copysign(py * share, y), math.copysign(pz * share, z)
+    if ox >= oy and ox >= oz:
+        return ox, math.copysign(1.0, x), 0.0, 0.0
+    if oy >= oz:
+        return oy, 0.0, math.copysign(1.0, y), 0.0
+    return oz, 0.0, 0.0, math.copysign(1.0, z)
 
 
 @inner

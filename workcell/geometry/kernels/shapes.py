@@ -57,6 +57,24 @@ def from_key(key: float) -> float:
 
 
 @inner
+def to_shapes(shapes: Shapes, x: float, y: float, z: float, found: Array) -> None:
+    """Signed distances and gradients from a point to all shapes, into found (4, k), in packed order."""
+    boxes, b = shapes.boxes, shapes.boxes.shape[1]
+    for j in range(b):
+        dx, dy, dz = x - boxes[0, j], y - boxes[1, j], z - boxes[2, j]
+        px, py, pz = max(abs(dx) - boxes[3, j], 0.0), max(abs(dy) - boxes[4, j], 0.0), max(abs(dz) - boxes[5, j], 0.0)  # fmt: skip
+        d = math.sqrt(px * px + py * py + pz * pz)
+        share = 1.0 / max(d, 1e-300)
+        found[0, j] = d
+        found[1, j] = math.copysign(px * share, dx)
+        found[2, j] = math.copysign(py * share, dy)
+        found[3, j] = math.copysign(pz * share, dz)
+    for j in range(found.shape[1]):
+        if j >= b or found[0, j] == 0.0:
+            found[0, j], found[1, j], found[2, j], found[3, j] = to_shape(shapes, j, x, y, z)
+
+
+@inner
 def to_shape(shapes: Shapes, at: int, x: float, y: float, z: float) -> Distance:
     """Signed distance and gradient from a point to shape `at`, in packed order."""
     b = shapes.boxes.shape[1]
@@ -100,20 +118,25 @@ def nearest_shape(
 @kernel
 def all_distances(shapes: Shapes, points: Array, distance: Array, gradient: Array) -> None:
     """Distances (p, k) of points (p, 3) and, where its length is not 0, their gradients (p, k, 3)."""
-    b, keys = shapes.boxes.shape[1], np.empty(shapes.boxes.shape[1])
+    b, total = shapes.boxes.shape[1], shapes.order.shape[0]
+    keys, found = np.empty(b), np.empty((4, total))
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         if gradient.shape[0] == 0:
             box_keys(shapes.boxes, x, y, z, keys)
             for j in range(b):
                 distance[i, shapes.order[j]] = from_key(keys[j])
-            for j in range(b, shapes.order.shape[0]):
+            for j in range(b, total):
                 distance[i, shapes.order[j]] = signed_distance(shapes.rows, shapes.faces, j - b, x, y, z)[0]
         else:
-            for j in range(shapes.order.shape[0]):
+            to_shapes(shapes, x, y, z, found)
+            for j in range(total):
                 k = shapes.order[j]
-                distance[i, k], gradient[i, k, 0], gradient[i, k, 1], gradient[i, k, 2] = to_shape(
-                    shapes, j, x, y, z
+                distance[i, k] = found[0, j]
+                gradient[i, k, 0], gradient[i, k, 1], gradient[i, k, 2] = (
+                    found[1, j],
+                    found[2, j],
+                    found[3, j],
                 )
 
 

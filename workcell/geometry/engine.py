@@ -1,0 +1,192 @@
+"""The clearance engine: a robot's spheres among obstacles and against each other, compiled, with gradients in q."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workcell.errors import InputError
+from workcell.geometry.clearance import ObstacleArrays
+from workcell.geometry.packing import pack_spheres, pack_tree
+from workcell.geometry.self_collision import SelfCollisionPairs
+from workcell.geometry.types import Piece, SphereCover
+from workcell.model.robot import Robot
+from workcell.pose import Array
+
+Index = NDArray[np.int64]
+_NO_GRADIENT = np.empty((0, 0, 0))
+
+
+@dataclass(frozen=True, slots=True)
+class Nearest:
+    """The pair with the smallest gap at one configuration.
+
+    Attributes:
+        distance: signed, in metres; inf when there is nothing to hit.
+        sphere: number in the cover; -1 when there is nothing to hit.
+        obstacle: number of the obstacle; -1 when the nearest is a sphere of the robot itself.
+        other_sphere: number of that sphere, else -1.
+        gradient: (n,) of the distance, metres per radian or metre.
+    """
+
+    distance: float
+    sphere: int
+    obstacle: int
+    other_sphere: int
+    gradient: Array
+
+
+class ClearanceEngine:
+    """Signed distances of a robot's spheres to obstacles and to each other, with gradients with respect to q.
+
+    Everything is packed once; queries run compiled kernels (on first use in a fresh installation they are compiled, and
+    kept on disk). Distances are exact outside and are penetration depths, negative, inside. Queries raise `InputError`
+    for configurations of the wrong shape or that are not finite; joint limits are not looked at.
+
+    Args:
+        robot: a tree or a chain.
+        cover: its spheres, by link.
+        obstacles: convex pieces in the world frame, or the same packed; none: nothing outside the robot counts.
+        pairs: spheres that must not touch each other: (p, 2) numbers in the cover, or as `self_collision_pairs` finds
+            them; None: the robot can't hit itself.
+
+    Raises:
+        InputError: a sphere on a link, or a pair of spheres, that is not there. ModelError: a hull without volume.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        cover: SphereCover,
+        obstacles: ObstacleArrays | Sequence[Piece] = (),
+        pairs: SelfCollisionPairs | ArrayLike | None = None,
+    ) -> None:
+        self.robot, self.cover = robot, cover
+        self.obstacles = obstacles if isinstance(obstacles, ObstacleArrays) else ObstacleArrays(obstacles)
+        self.pairs = _checked_pairs(pairs, len(cover))
+        self._tree, self._spheres = pack_tree(robot), pack_spheres(robot, cover)
+
+    def clearance(self, q: ArrayLike) -> float:
+        """The smallest signed distance in metres at q (n,); inf when there is nothing to hit."""
+        return float(self._smallest(self._rows(q, 1), False)[0][0])
+
+    def clearances(self, q: ArrayLike, *, threads: int = 1) -> Array:
+        """The same (b,) for configurations q (b, n)."""
+        rows = self._rows(q, 2)
+        if threads < 1:
+            raise InputError(f"{threads} threads can't run", where="threads", remedy="1 or more")
+        if threads == 1 or len(rows) < 2 * threads:
+            return self._smallest(rows, False)[0]
+        with ThreadPoolExecutor(threads) as pool:
+            parts = pool.map(lambda part: self._smallest(part, False)[0], np.array_split(rows, threads))
+            return np.concatenate(list(parts))
+
+    def clearance_and_gradient(self, q: ArrayLike) -> tuple[float, Array]:
+        """The smallest signed distance at q (n,), and its gradient (n,), zero when there is nothing to hit."""
+        gap, gradient, _ = self._smallest(self._rows(q, 1), True)
+        return float(gap[0]), gradient[0]
+
+    def clearances_and_gradients(self, q: ArrayLike) -> tuple[Array, Array]:
+        """The same for configurations (b, n): (b,) and (b, n)."""
+        return self._smallest(self._rows(q, 2), True)[:2]
+
+    def nearest(self, q: ArrayLike) -> Nearest:
+        """Who is nearest to whom at q (n,)."""
+        gap, gradient, where = self._smallest(self._rows(q, 1), True)
+        sphere, obstacle, other = map(int, where[0])
+        return Nearest(float(gap[0]), sphere, obstacle, other, gradient[0])
+
+    def sphere_clearances(self, q: ArrayLike) -> Array:
+        """Signed distances (..., m) of all spheres, each to its nearest obstacle, at q (..., n)."""
+        rows = self._rows(q)
+        return self._of_spheres(rows, False)[0].reshape(*np.shape(q)[:-1], len(self.cover))
+
+    def sphere_clearances_and_gradients(self, q: ArrayLike) -> tuple[Array, Array, Index]:
+        """At q (n,) the signed distances (m,), their gradients (m, n), and each one's nearest obstacle (m,)."""
+        gap, gradient, which = self._of_spheres(self._rows(q, 1), True)
+        return gap[0], gradient[0], which[0]
+
+    def pair_distances_and_gradients(self, q: ArrayLike) -> tuple[Array, Array]:
+        """At q (n,) the signed distances (m, k) of every sphere to every obstacle, and their gradients (m, k, n)."""
+        row = self._rows(q, 1)[0]
+        gap = np.empty((len(self.cover), len(self.obstacles)))
+        gradient = np.empty((*gap.shape, self.robot.dof))
+        _kernels().pair_gaps(self._tree, self._spheres, self.obstacles.shapes, row, gap, gradient)
+        return gap, gradient
+
+    def self_clearances(self, q: ArrayLike) -> Array:
+        """Signed distances (..., p) between the spheres of each pair at q (..., n)."""
+        gap, _ = self._of_pairs(self._rows(q), False)
+        return gap.reshape(*np.shape(q)[:-1], len(self.pairs))
+
+    def self_clearances_and_gradients(self, q: ArrayLike) -> tuple[Array, Array]:
+        """At q (n,) the signed distances (p,) between the spheres of each pair, and their gradients (p, n)."""
+        gap, gradient = self._of_pairs(self._rows(q, 1), True)
+        return gap[0], gradient[0]
+
+    def _smallest(self, rows: Array, with_gradient: bool) -> tuple[Array, Array, Index]:
+        gap, where = np.empty(len(rows)), np.empty((len(rows), 3), dtype=np.int64)
+        gradient = np.empty(rows.shape if with_gradient else (0, 0))
+        _kernels().smallest_gaps(
+            self._tree, self._spheres, self.obstacles.shapes, self.pairs, rows, gap, gradient, where
+        )
+        return gap, gradient, where
+
+    def _of_spheres(self, rows: Array, with_gradient: bool) -> tuple[Array, Array, Index]:
+        gap = np.empty((len(rows), len(self.cover)))
+        gradient = np.empty((*gap.shape, self.robot.dof)) if with_gradient else _NO_GRADIENT
+        which = np.empty(gap.shape, dtype=np.int64)
+        _kernels().sphere_gaps(self._tree, self._spheres, self.obstacles.shapes, rows, gap, gradient, which)
+        return gap, gradient, which
+
+    def _of_pairs(self, rows: Array, with_gradient: bool) -> tuple[Array, Array]:
+        gap = np.empty((len(rows), len(self.pairs)))
+        gradient = np.empty((*gap.shape, self.robot.dof)) if with_gradient else _NO_GRADIENT
+        _kernels().self_gaps(self._tree, self._spheres, self.pairs, rows, gap, gradient)
+        return gap, gradient
+
+    def _rows(self, q: ArrayLike, ndim: int | None = None) -> Array:
+        """Configurations (c, n) as the kernels take them: checked, writable, without gaps."""
+        values = np.asarray(q, dtype=float)
+        n = self.robot.dof
+        if values.ndim == 0 or values.shape[-1] != n or (ndim is not None and values.ndim != ndim):
+            wanted = {None: f"(..., {n})", 1: f"({n},)", 2: f"(b, {n})"}[ndim]
+            raise InputError(
+                f"{self.robot.name} takes joint values {wanted}, not an array of shape {values.shape}",
+                where="q",
+                remedy=f"in this order: {', '.join(self.robot.joint_names)}",
+            )
+        if not np.isfinite(values).all():
+            raise InputError("joint values are not finite", where="q")
+        rows = np.ascontiguousarray(values.reshape(-1, n))
+        return rows if rows.flags.writeable else rows.copy()
+
+
+def _checked_pairs(pairs: SelfCollisionPairs | ArrayLike | None, spheres: int) -> Index:
+    """Pairs (p, 2) as the kernels take them."""
+    listed = pairs.pairs if isinstance(pairs, SelfCollisionPairs) else () if pairs is None else pairs
+    array = np.array(listed)
+    if array.size == 0:
+        return np.empty((0, 2), dtype=np.int64)
+    if array.ndim != 2 or array.shape[1] != 2 or not np.issubdtype(array.dtype, np.integer):
+        raise InputError(f"pairs of shape {array.shape}", where="pairs", remedy="integers (p, 2)")
+    if array.min() < 0 or array.max() >= spheres or np.any(array[:, 0] == array[:, 1]):
+        raise InputError(
+            "a pair names a sphere twice, or one that is not there",
+            where="pairs",
+            remedy=f"two of 0 to {spheres - 1}",
+        )
+    return np.ascontiguousarray(array.astype(np.int64))
+
+
+@functools.cache
+def _kernels() -> Any:
+    """Compiled kernels, imported on first use: numba takes half a second."""
+    return importlib.import_module("workcell.geometry.kernels.robot")

@@ -5,7 +5,8 @@ import pytest
 
 from workcell.errors import InputError
 from workcell.motion.path import Trajectory
-from workcell.simulate.controller import ComputedTorque, Gains, combined_inertia, discrete_reference
+from workcell.simulate.arm_model import combined_inertia
+from workcell.simulate.controller import ComputedTorque, Gains, discrete_reference
 
 
 def test_two_point_masses_on_a_rod():
@@ -34,7 +35,7 @@ def test_carrying_a_body_equals_a_model_with_the_body_fixed_to_the_hand(scene):
     mujoco.mj_forward(scene.model, data)
     control = ComputedTorque(scene.model, robot)
     empty = ComputedTorque(scene.model, robot)
-    control.carry(hand, brick.body_ids, data)
+    control.arm.carry(hand, brick.body_ids, data)
 
     for _ in range(5):
         q, qd, qdd = robot.robot.home + 0.3 * rng.normal(size=7), rng.normal(size=7), rng.normal(size=7)
@@ -43,7 +44,7 @@ def test_carrying_a_body_equals_a_model_with_the_body_fixed_to_the_hand(scene):
         loaded, _ = control.torque(qpos, qvel, q, qd, qdd)
         bare, _ = empty.torque(qpos, qvel, q, qd, qdd)
         assert np.allclose(loaded - bare, _payload_torque(scene, hand, data, q, qd, qdd), atol=1e-6)
-    control.drop(hand)
+    control.arm.drop(hand)
     assert np.allclose(control.torque(qpos, qvel, q, qd, qdd)[0], bare, atol=1e-12)
 
 

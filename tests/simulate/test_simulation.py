@@ -87,7 +87,7 @@ def test_picking_up_keeps_tracking_with_the_payload(picking):
 
 def test_the_weld_holds_the_brick_still_in_the_hand(picking):
     sim, _, _, held = picking
-    now = sim._tool_pose().inverse() @ sim.object_pose("brick")
+    now = sim.tool_pose().inverse() @ sim.object_pose("brick")
     distance, angle = now.error_to(held)
     assert distance < 2e-5 and angle < 2e-4
 

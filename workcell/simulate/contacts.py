@@ -1,4 +1,4 @@
-"""Which contacts are intended: everything else that touches the robot, or what it carries, is reported."""
+"""Which contacts are intended: everything else that touches a robot, or what it carries, is reported."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.model.contact import geom_name
-from workcell.model.scene import SceneObject, SceneRobot
+from workcell.model.scene import SceneObject
 
 if TYPE_CHECKING:
     import mujoco
 
 
 class ContactRules:
-    """Intended and unintended contacts of one robot, by geom; what counts changes with a grasp.
+    """Intended and unintended contacts of the robots, by geom; what counts changes with a grasp.
 
     Args:
         model: the compiled model.
-        robot: whose contacts are watched.
+        bodies: ids of the robots' bodies.
     """
 
-    def __init__(self, model: mujoco.MjModel, robot: SceneRobot) -> None:
+    def __init__(self, model: mujoco.MjModel, bodies: Iterable[int]) -> None:
         self._model = model
-        self._moving = np.isin(model.geom_bodyid, list(robot.body_ids))
+        self._moving = np.isin(model.geom_bodyid, list(bodies))
         self._intended = np.zeros((model.ngeom, model.ngeom), dtype=bool)
 
     def geoms(self, bodies: Iterable[int]) -> NDArray[np.int64]:
@@ -39,7 +39,7 @@ class ContactRules:
         self._intended[np.ix_(b, a)] = intended
 
     def watch(self, thing: SceneObject, carried: bool) -> None:
-        """Count an object as part of the robot, or no longer."""
+        """Count an object as part of a robot, or no longer."""
         self._moving[self.geoms(thing.body_ids)] = carried
 
     def unintended(self, data: mujoco.MjData) -> list[tuple[tuple[str, str], float]]:
@@ -60,7 +60,7 @@ class ContactRules:
         return bool(self._touches(data, first, second).any())
 
     def touched_by(self, data: mujoco.MjData, geoms: Iterable[int]) -> frozenset[int]:
-        """The geoms, not of the robot, that touch any of these."""
+        """The geoms, not of the robots, that touch any of these."""
         mine = np.array(list(geoms), dtype=int)
         found: set[int] = set()
         for a, b in data.contact.geom:

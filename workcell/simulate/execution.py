@@ -69,14 +69,16 @@ class Execution:
     Attributes:
         time: (T,) simulated seconds.
         qpos: (T, nq) raw MuJoCo positions of the whole scene.
-        q, q_reference: (T, n) the robot's joints, and where they should have been.
+        q, q_reference: (T, n) the robots' joints, side by side in the scene's order, and where they should have been.
         torque: (T, n) largest |applied torque| since the row before (newton metres or newtons).
-        tool_position: (T, 3) of the tool, world, metres.
-        tracking_error_m, tracking_error_rad: (T,) largest distance of the tool from its reference since the row
+        tool_position: (T, 3) of the tool, world, metres; (T, 3 k) for k robots.
+        tracking_error_m, tracking_error_rad: (T,) largest distance of a tool from its reference since the row
             before; every control step is looked at.
-        clearance: (T,) smallest signed distance of the robot, and of what it carries, to everything it should not touch.
+        clearance: (T,) smallest signed distance of a robot, and of what it carries, to everything it should not touch.
         clearance_pair: T pairs of geom names that have it.
         clearance_points: (T, 2, 3) the nearest points of that pair, world.
+        internal_force: (T,) largest force (newtons) with which hands that share an object worked against each other since
+            the row before; 0 while no object is shared.
         contacts: unintended contacts, first moment of each.
         events: the log.
         saturated_steps: control steps on which a joint reached its effort limit.
@@ -94,6 +96,7 @@ class Execution:
     clearance: Array
     clearance_pair: tuple[tuple[str, str], ...]
     clearance_points: Array
+    internal_force: Array
     contacts: tuple[ContactEvent, ...] = ()
     events: tuple[Event, ...] = ()
     saturated_steps: int = 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -15,11 +15,12 @@ from workcell.simulate.execution import ContactEvent, Event, Execution, Stop
 
 @dataclass(slots=True)
 class Worst:
-    """The largest errors and torques since the last row."""
+    """The largest errors, torques and internal forces since the last row."""
 
     error_m: float = 0.0
     error_rad: float = 0.0
     torque: Array | None = None
+    internal_force: float = 0.0
 
     def update(self, actual: Array, wanted: Array, torque: Array) -> None:
         """Take one control step into account; `actual` and `wanted` are tool poses (4, 4)."""
@@ -29,12 +30,26 @@ class Worst:
         self.error_rad = max(self.error_rad, 2 * float(np.arcsin(min(chord, 1.0))))
         self.torque = np.abs(torque) if self.torque is None else np.maximum(self.torque, np.abs(torque))
 
+    @staticmethod
+    def of_all(parts: Sequence[Worst], dofs: Sequence[int]) -> Worst:
+        """The worst of several arms with `dofs` joints each; torques (n,) side by side."""
+        torque = [
+            np.zeros(n) if part.torque is None else part.torque for part, n in zip(parts, dofs, strict=True)
+        ]
+        return Worst(
+            max(part.error_m for part in parts),
+            max(part.error_rad for part in parts),
+            np.concatenate(torque),
+            max(part.internal_force for part in parts),
+        )
+
 
 @dataclass(slots=True)
 class Rows:
-    """Lists that `take` turns into an `Execution`, leaving them empty."""
+    """Lists that `take` turns into an `Execution`, leaving them empty; joints and tools of several arms side by side."""
 
     dof: int
+    arms: int
     nq: int
     time: list[float] = field(default_factory=list)
     qpos: list[Array] = field(default_factory=list)
@@ -44,6 +59,7 @@ class Rows:
     tool: list[Array] = field(default_factory=list)
     error: list[tuple[float, float]] = field(default_factory=list)
     distance: list[Distance] = field(default_factory=list)
+    internal_force: list[float] = field(default_factory=list)
     contacts: list[ContactEvent] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     saturated: int = 0
@@ -68,6 +84,7 @@ class Rows:
         self.tool.append(np.array(tool))
         self.error.append((worst.error_m, worst.error_rad))
         self.distance.append(distance)
+        self.internal_force.append(worst.internal_force)
 
     def take(self) -> Execution:
         """All rows so far; the lists are empty afterwards."""
@@ -77,18 +94,19 @@ class Rows:
             q=np.array(self.q).reshape(-1, self.dof),
             q_reference=np.array(self.q_reference).reshape(-1, self.dof),
             torque=np.array(self.torque).reshape(-1, self.dof),
-            tool_position=np.array(self.tool).reshape(-1, 3),
+            tool_position=np.array(self.tool).reshape(-1, 3 * self.arms),
             tracking_error_m=np.array([error[0] for error in self.error]),
             tracking_error_rad=np.array([error[1] for error in self.error]),
             clearance=np.array([d.distance for d in self.distance]),
             clearance_pair=tuple(d.pair for d in self.distance),
             clearance_points=np.array([d.points for d in self.distance]).reshape(-1, 2, 3),
+            internal_force=np.array(self.internal_force),
             contacts=tuple(self.contacts),
             events=tuple(self.events),
             saturated_steps=self.saturated,
             stop=self.stop,
         )
-        self.__init__(self.dof, self.nq)  # type: ignore[misc]
+        self.__init__(self.dof, self.arms, self.nq)  # type: ignore[misc]
         return taken
 
 

@@ -1,25 +1,27 @@
-"""`Simulation`: trajectories executed in MuJoCo by computed torque, grasps, guards, and a log of all that happens."""
+"""`Simulation`: trajectories executed in MuJoCo by controllers, grasps, guards, and a log of all that happens."""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from workcell.errors import InputError, ModelError
-from workcell.model.scene import Scene
-from workcell.motion.path import Trajectory, stationary
+from workcell.errors import InputError, UnknownNameError
+from workcell.model.scene import Scene, SceneRobot
+from workcell.motion.path import Trajectory
 from workcell.pose import Array, Pose
-from workcell.simulate.controller import ComputedTorque, Gains, discrete_reference
+from workcell.simulate.arm import Arm, Reference
+from workcell.simulate.controller import Gains, make_controller
 from workcell.simulate.execution import ContactEvent, Event, Execution, Stop, StopReason, join_executions
 from workcell.simulate.grasp import Hand, Weld, finger_speed
+from workcell.simulate.imperfections import Imperfections
+from workcell.simulate.pushes import Pushes
 from workcell.simulate.rows import Rows, Worst, captured_warnings
-from workcell.simulate.watch import Held, Watch
+from workcell.simulate.shared_load import internal_force
+from workcell.simulate.watch import Held, Hold, Watch
 
-_START_TOLERANCE = 1e-3
-_SLIPPED = 2e-3
 _STILL = 2e-3
 
 
@@ -28,7 +30,7 @@ class Settings:
     """How a simulation is controlled, watched and logged.
 
     Attributes:
-        gains: of the computed torque.
+        gains: of the controller; None: its own.
         log_s: seconds between logged rows.
         chunk_s: seconds between calls of `on_chunk`.
         max_error_m, max_error_rad: tool errors at which the run stops.
@@ -37,7 +39,7 @@ class Settings:
         settle_s: how long the gripper may take, after that, until the fingers rest on the object.
     """
 
-    gains: Gains = field(default_factory=Gains)
+    gains: Gains | None = None
     log_s: float = 0.01
     chunk_s: float = 0.5
     max_error_m: float = 0.01
@@ -48,17 +50,25 @@ class Settings:
 
 
 class Simulation:
-    """One robot of a scene in motion. Methods return whether they succeeded; after a stop they do nothing.
+    """The robots of a scene in motion. Methods return whether they succeeded; after a stop they do nothing.
+
+    Every robot of the scene is controlled; one that is not ordered to move holds its place. A method that acts on one
+    robot takes its name; None means the one that this simulation was made for.
 
     Args:
         scene: the scene; its model is copied.
-        robot: the robot's name; None: the only one.
-        settings: control, guards, logging.
+        robot: the robot meant where none is named; None: the only one.
+        controller: a name of `CONTROLLERS`.
+        imperfections: errors, noise and pushes; None: a perfect cell.
+        settings: gains, guards, logging.
         on_chunk: called with the rows of the last `chunk_s` seconds while the simulation runs.
 
     Attributes:
-        time: simulated seconds.
+        arms: the robots in motion, by name.
         stop: why the run ended early, or None.
+
+    Raises:
+        UnknownNameError: no such robot, controller, or pushed body; ModelError: motors that are none.
     """
 
     def __init__(
@@ -66,40 +76,46 @@ class Simulation:
         scene: Scene,
         robot: str | None = None,
         *,
+        controller: str = "computed_torque",
+        imperfections: Imperfections | None = None,
         settings: Settings | None = None,
         on_chunk: Callable[[Execution], None] | None = None,
     ) -> None:
         import mujoco
 
         self._mujoco = mujoco
-        self.scene, self.robot = scene, scene.robot(robot)
+        self.scene = scene
+        self._default = robot if robot is None else scene.robot(robot).name
         self.settings = settings or Settings()
         self._model = copy.copy(scene.model)
         self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self._data = mujoco.MjData(self._model)
         self._data.qpos[:] = scene.initial_qpos()
-        self._controller = ComputedTorque(self._model, self.robot, self.settings.gains)
-        self._watch = Watch(scene, self.robot, self._model, self._data)
-        self._hand = Hand.of(self._model, self.robot)
-        if self._hand is not None:
-            self._data.ctrl[self._hand.actuator] = self._hand.open
-        self._site = self._tool_site()
-        self._reference = np.array(self.robot.start)
+        self._pushes = Pushes(self._model, imperfections.pulses if imperfections else ())
+        self.arms = {
+            name: self._make_arm(one, controller, imperfections) for name, one in scene.robots.items()
+        }
+        self._watch = Watch(scene, tuple(scene.robots.values()), self._model, self._data)
         self._on_chunk = on_chunk
-        self._rows = Rows(self.robot.robot.dof, self._model.nq)
+        self._dofs = [arm.robot.robot.dof for arm in self.arms.values()]
+        self._rows = Rows(sum(self._dofs), len(self.arms), self._model.nq)
         self._chunks: list[Execution] = []
-        self._worst = Worst()
         self._seen: set[tuple[str, str]] = set()
-        self._was_saturated = False
         self.stop: Stop | None = None
         mujoco.mj_forward(self._model, self._data)
 
-    def _tool_site(self) -> int:
-        name = self.robot.prefix + self.robot.robot.tool().name
-        site = self._mujoco.mj_name2id(self._model, self._mujoco.mjtObj.mjOBJ_SITE, name)
-        if site < 0:
-            raise ModelError(f"the model has no site {name!r}", where=self.scene.path)
-        return int(site)
+    def _make_arm(self, robot: SceneRobot, controller: str, imperfections: Imperfections | None) -> Arm:
+        driver = make_controller(
+            controller, self._model, robot, self._data.qpos, self.settings.gains, imperfections
+        )
+        arm = Arm(self.scene, robot, self._model, driver)
+        if arm.hand is not None:
+            self._data.ctrl[arm.hand.actuator] = arm.hand.open
+        return arm
+
+    def arm(self, robot: str | None = None) -> Arm:
+        """The robot in motion of that name, or the one that is meant where none is named; raises UnknownNameError."""
+        return self.arms[self.scene.robot(robot or self._default).name]
 
     # ---- what the caller asks -----------------------------------------------------------------------------------
 
@@ -119,29 +135,46 @@ class Simulation:
         return np.array(self._data.qpos)
 
     @property
+    def robot(self) -> SceneRobot:
+        """The robot that is meant where none is named."""
+        return self.arm().robot
+
+    @property
     def q(self) -> Array:
-        """(n,) the robot's joints now."""
+        """(n,) its joints now."""
         return np.array(self._data.qpos[self.robot.qpos_addresses])
 
     @property
     def q_reference(self) -> Array:
-        """(n,) where the robot's joints should be now: plan the next motion from here."""
-        return np.array(self._reference)
+        """(n,) where its joints should be now: plan the next motion from here."""
+        return np.array(self.arm().reference)
+
+    def holding(self, robot: str | None = None) -> Held | None:
+        """What a robot's hand holds and how, or None."""
+        return self._watch.held.get(self.arm(robot).name)
 
     @property
     def held(self) -> str | None:
         """Name of the object in the hand, or None."""
-        return None if self._watch.held is None else self._watch.held.thing.name
+        held = self.holding()
+        return None if held is None else held.thing.name
 
     @property
     def T_tool_object(self) -> Pose | None:
-        """How the held object stands in the tool's frame, or None."""
-        return None if self._watch.held is None else self._watch.held.T_tool_object
+        """How the held object stood in the tool's frame at the grasp, or None."""
+        held = self.holding()
+        return None if held is None else held.T_tool_object
 
     @property
     def supports(self) -> frozenset[int]:
         """Geom ids that the held object stood on when it was grasped and has not left yet."""
-        return frozenset() if self._watch.held is None else self._watch.held.supports
+        held = self.holding()
+        return frozenset() if held is None else held.supports
+
+    def slip(self, robot: str | None = None) -> float:
+        """How far the held object has moved in the hand since the grasp, metres; 0 without one."""
+        held = self.holding(robot)
+        return 0.0 if held is None else self._watch.slip(held)
 
     def object_pose(self, name: str) -> Pose:
         """World pose of an object now; raises UnknownNameError."""
@@ -149,8 +182,12 @@ class Simulation:
         data = self._data
         return Pose(data.xpos[body], data.xquat[body])
 
+    def tool_pose(self, robot: str | None = None) -> Pose:
+        """`T_world_tool` of a robot now."""
+        return self.arm(robot).tool_pose(self._data)
+
     def touches(self, name: str) -> frozenset[int]:
-        """Ids of the geoms, not of the robot, that touch an object now; raises UnknownNameError."""
+        """Ids of the geoms, not of the robots, that touch an object now; raises UnknownNameError."""
         return self._watch.touched_by(self._watch.geoms_of(name))
 
     def apart(self, name: str, body: str) -> bool:
@@ -182,78 +219,138 @@ class Simulation:
 
     # ---- what the caller orders ---------------------------------------------------------------------------------
 
-    def execute(self, trajectory: Trajectory, label: str = "") -> bool:
-        """Track a trajectory that begins where the reference stands now.
+    def execute(self, motion: Trajectory | Sequence[Trajectory], label: str = "") -> bool:
+        """Track a trajectory that begins where the reference stands now, or several at once, one for each robot.
+
+        A single trajectory is for the robot that it names, or for the only one. Robots without a trajectory, and those
+        whose trajectory ends before the others', hold their place.
 
         Raises:
-            InputError: its time step is not the simulation's, it is another robot's, or begins elsewhere.
+            InputError: a time step that is not the simulation's, another robot's joints, or another start.
+            UnknownNameError: a robot that the scene doesn't have.
         """
-        if abs(trajectory.dt - self.timestep) > 1e-9:
-            raise InputError(
-                f"the trajectory's step is {trajectory.dt:.6g} s, the simulation's {self.timestep:.6g} s",
-                where="trajectory",
-                remedy=f"retime with dt={self.timestep:.6g}",
-            )
-        if trajectory.q.shape[1] != self.robot.robot.dof:
-            raise InputError(f"the trajectory moves {trajectory.q.shape[1]} joints", where="trajectory")
-        gap = float(np.abs(trajectory.q[0] - self._reference).max())
-        if gap > _START_TOLERANCE:
-            raise InputError(f"the trajectory begins {gap:.3g} rad away from the robot", where="trajectory")
+        motions = [motion] if isinstance(motion, Trajectory) else list(motion)
+        references = {name: arm.still() for name, arm in self.arms.items()}
+        for trajectory in motions:
+            one = self.arm(trajectory.robot_name if len(self.arms) > 1 else None)
+            references[one.name] = one.follow(trajectory, self.timestep)
         if self.stop is not None:
             return False
+        steps = max(len(trajectory) for trajectory in motions)
         if label:
-            self.log(f"{label}: {trajectory.duration:.2f} s")
-        tools = self.robot.robot.fk_transform(trajectory.q)
-        q, qd, qdd = discrete_reference(trajectory)
+            self.log(f"{label}: {(steps - 1) * self.timestep:.2f} s")
+        return self._run(references, steps)
+
+    def hold(self, seconds: float) -> bool:
+        """Stand still."""
+        if self.stop is not None:
+            return False
+        still = {name: arm.still() for name, arm in self.arms.items()}
+        return self._run(still, max(round(seconds / self.timestep), 1) + 1)
+
+    def _run(self, references: dict[str, Reference], steps: int) -> bool:
         with captured_warnings() as warnings:
-            for k in range(1, len(trajectory)):
-                self._step(q[k], qd[k], qdd[k], tools[k], warnings)
+            for k in range(1, steps):
+                self._step(references, k, warnings)
                 if self.stop is not None:
                     return False
         return True
 
-    def hold(self, seconds: float) -> bool:
-        """Stand still."""
-        return self.execute(stationary(self.robot.name, self._reference, seconds, self.timestep))
-
-    def move_gripper(self, opening: float) -> bool:
-        """Move the gripper's set point to a share of its range: 0 closed, 1 open.
+    def move_gripper(self, opening: float, robot: str | None = None) -> bool:
+        """Move a gripper's set point to a share of its range: 0 closed, 1 open.
 
         Raises:
             ModelError: the robot has no gripper.
         """
-        hand = self._gripper()
+        hand = self.arm(robot).gripper()
         target = hand.closed + opening * (hand.open - hand.closed)
-        begin = float(self._data.ctrl[hand.actuator])
-        steps = max(round(self.settings.close_s / self.timestep), 1)
+        return self._move_actuator(hand.actuator, target, self.settings.close_s)
+
+    def actuate(self, actuator: str, share: float, seconds: float = 1.0) -> bool:
+        """Move the set point of an actuator of the cell, a chuck or a door, to a share of its range.
+
+        Raises:
+            UnknownNameError: no such actuator, or a robot's.
+        """
+        mine = {int(a) for arm in self.arms.values() for a in arm.robot.actuator_ids}
+        mine |= {arm.hand.actuator for arm in self.arms.values() if arm.hand is not None}
+        names = {self._model.actuator(a).name: a for a in range(self._model.nu) if a not in mine}
+        if actuator not in names:
+            raise UnknownNameError("actuator", actuator, names, where=self.scene.path)
+        low, high = self._model.actuator_ctrlrange[names[actuator]]
+        return self._move_actuator(names[actuator], low + share * (high - low), seconds)
+
+    def _move_actuator(self, actuator: int, target: float, seconds: float) -> bool:
+        begin = float(self._data.ctrl[actuator])
+        steps = max(round(seconds / self.timestep), 1)
         for k in range(1, steps + 1):
-            self._data.ctrl[hand.actuator] = begin + (target - begin) * k / steps
+            self._data.ctrl[actuator] = begin + (target - begin) * k / steps
             if not self.hold(self.timestep):
                 return False
         return True
 
-    def grasp(self, name: str) -> bool:
-        """Close the gripper on an object and hold it; stops the run when the fingers don't both touch it.
+    def grasp(self, name: str, robot: str | None = None, *, hold: Hold = "weld") -> bool:
+        """Close a gripper on an object and hold it; stops the run when the fingers don't both touch it.
+
+        Args:
+            name: the object's.
+            robot: whose hand.
+            hold: `weld`: rigidly, from the moment at which both fingers rest on it; `friction`: by the fingers'
+                contact forces alone, so that it may slip, which is watched.
 
         Raises:
             UnknownNameError, ModelError: no such object, no gripper, or no weld for the two.
         """
-        thing, hand = self.scene.object(name), self._gripper()
-        weld = Weld.of(self._model, self.robot, thing)
+        arm, mine = self.arm(robot), self._watch.geoms_of(name)
+        hand = arm.gripper()
+        Weld.of(self._model, arm.robot, self.scene.object(name))
         if self.stop is not None:
             return False
-        self.log(f"closing the gripper on the {name}")
-        mine = self._watch.geoms_of(name)
+        self.log(f"{self._whose(arm)}closing the gripper on the {name}")
         self._watch.expect(self._watch.geoms(hand.bodies), mine)
-        if not (self.move_gripper(0.0) and self._wait_for_grip(hand, mine)):
+        if not (self.move_gripper(0.0, robot) and self._wait_for_grip(hand, mine)):
             return False
-        supports = self._watch.touched_by(mine)
-        T_hand_object = weld.close(self._model, self._data)
-        self._controller.carry(weld.hand_body, thing.body_ids, self._data)
-        T_tool_object = self._tool_pose().inverse() @ self.object_pose(name)
-        self._watch.take(Held(thing, weld, T_hand_object, T_tool_object, supports))
-        self.log(f"the {name} is held by both fingers")
+        self._take(arm, name, hold)
+        how = "held by both fingers" if hold == "weld" else "held by the fingers' friction"
+        self.log(f"{self._whose(arm)}the {name} is {how}")
         return True
+
+    def attach(self, name: str, robot: str | None = None) -> bool:
+        """Hold an object rigidly as it stands now, as a tool changer does: no finger moves.
+
+        Several hands may hold one object: the chain is closed then, and each controller carries its share.
+
+        Raises:
+            UnknownNameError, ModelError: no such object, no gripper, or no weld for the two.
+        """
+        arm, mine = self.arm(robot), self._watch.geoms_of(name)
+        hand = arm.gripper()
+        Weld.of(self._model, arm.robot, self.scene.object(name))
+        if self.stop is not None:
+            return False
+        self._watch.expect(self._watch.geoms(hand.bodies), mine)
+        self._take(arm, name, "weld")
+        self.log(f"{self._whose(arm)}the {name} is attached to the hand")
+        return True
+
+    def _take(self, arm: Arm, name: str, hold: Hold) -> None:
+        thing = self.scene.object(name)
+        weld = Weld.of(self._model, arm.robot, thing)
+        supports = self._watch.touched_by(self._watch.geoms_of(name))
+        if hold == "weld":
+            T_hand_object = weld.close(self._model, self._data)
+        else:
+            T_hand_object = weld.relative_pose(self._data)
+        T_tool_object = arm.tool_pose(self._data).inverse() @ self.object_pose(name)
+        self._watch.take(arm.name, Held(thing, weld, T_hand_object, T_tool_object, supports, hold))
+        self._share_load(name)
+
+    def _share_load(self, name: str) -> None:
+        """Every hand that holds an object carries the same share of it."""
+        hands = [(robot, held) for robot, held in self._watch.held.items() if held.thing.name == name]
+        for robot, held in hands:
+            model = self.arms[robot].controller.arm
+            model.carry(held.weld.hand_body, held.thing.body_ids, self._data, 1.0 / len(hands))
 
     def expect_contact(self, name: str, body: str) -> None:
         """Contact between an object and a body of the scene is intended from now on, e.g. to put it down there.
@@ -263,57 +360,76 @@ class Simulation:
         """
         self._watch.expect(self._watch.geoms_of(name), self._watch.geoms([self._watch.body(body)]))
 
-    def release(self) -> bool:
+    def release(self, robot: str | None = None) -> bool:
         """Let go of the object and open the gripper; the open hand may still touch it.
 
         Raises:
             InputError: the hand holds nothing.
         """
-        held = self._watch.held
+        arm, held = self.arm(robot), self.holding(robot)
         if held is None:
             raise InputError("the hand holds nothing", where="release")
         held.weld.release(self._data)
-        self._controller.drop(held.weld.hand_body)
-        self._watch.let_go()
-        self.log(f"released the {held.thing.name}")
-        return self.move_gripper(1.0)
+        arm.controller.arm.drop(held.weld.hand_body)
+        self._watch.let_go(arm.name)
+        self._share_load(held.thing.name)
+        self.log(f"{self._whose(arm)}released the {held.thing.name}")
+        return self.move_gripper(1.0, robot)
+
+    def _whose(self, arm: Arm) -> str:
+        return f"{arm.name}: " if len(self.arms) > 1 else ""
 
     # ---- one control step ---------------------------------------------------------------------------------------
 
-    def _step(self, q: Array, qd: Array, qdd: Array, tool: Array, warnings: list[str]) -> None:
+    def _step(self, references: dict[str, Reference], k: int, warnings: list[str]) -> None:
         """Control, integrate, measure. Positions that `mj_step` leaves in `data` are those before integration."""
-        data, robot = self._data, self.robot
+        data = self._data
         qpos, now = np.array(data.qpos), float(data.time)
-        torque, saturated = self._controller.torque(qpos, data.qvel, q, qd, qdd)
-        data.ctrl[robot.actuator_ids] = torque / self._controller.gear
+        self._pushes.apply(data)
+        torques = {}
+        for name, arm in self.arms.items():
+            torques[name], reached = arm.drive(data, qpos, references[name].at(k))
+            self._rows.saturated += arm.saturated
+            if reached:
+                self.log(f"{self._whose(arm)}a joint is at its effort limit", "WARN")
         self._mujoco.mj_step(self._model, data)
-        self._reference = q
-        self._worst.update(self._tool_matrix(), tool, torque)
-        self._note_saturation(saturated)
+        for name, arm in self.arms.items():
+            arm.worst.update(arm.tool_matrix(data), references[name].at(k)[3], torques[name])
+        self._measure_strain()
         self._guard(now, warnings)
-        every = max(round(self.settings.log_s / self.timestep), 1)
         step = round(now / self.timestep)
-        if step % every == 0 or self.stop is not None:
-            self._log_row(now, qpos, q)
-        if step % max(round(self.settings.chunk_s / self.timestep), 1) == 0 or self.stop is not None:
+        if self._is_due(step, self.settings.log_s):
+            self._log_row(now, qpos)
+        if self._is_due(step, self.settings.chunk_s):
             self.flush()
 
-    def _log_row(self, now: float, qpos: Array, q_reference: Array) -> None:
-        robot = self.robot
+    def _is_due(self, step: int, period: float) -> bool:
+        return step % max(round(period / self.timestep), 1) == 0 or self.stop is not None
+
+    def _measure_strain(self) -> None:
+        shared = self._watch.shared()
+        if shared:
+            force = internal_force(self._data, [held.weld for held in shared])
+            worst = next(iter(self.arms.values())).worst
+            worst.internal_force = max(worst.internal_force, force)
+
+    def _log_row(self, now: float, qpos: Array) -> None:
         if not np.all(np.isfinite(qpos)):
             return
-        if self._watch.notice_lift():
-            self.log(f"the {self.held} is clear of what it stood on")
-        distance = self._watch.clearance(qpos)
-        tool = self._data.site_xpos[self._site]
-        self._rows.add(now, qpos, qpos[robot.qpos_addresses], q_reference, tool, self._worst, distance)
-        self._worst = Worst()
-
-    def _note_saturation(self, saturated: bool) -> None:
-        self._rows.saturated += saturated
-        if saturated and not self._was_saturated:
-            self.log("a joint is at its effort limit", "WARN")
-        self._was_saturated = saturated
+        for name in self._watch.notice_lift():
+            self.log(f"the {name} is clear of what it stood on")
+        arms = list(self.arms.values())
+        self._rows.add(
+            now,
+            qpos,
+            np.concatenate([qpos[arm.robot.qpos_addresses] for arm in arms]),
+            np.concatenate([arm.reference for arm in arms]),
+            np.concatenate([arm.tool_matrix(self._data)[:3, 3] for arm in arms]),
+            Worst.of_all([arm.worst for arm in arms], self._dofs),
+            self._watch.clearance(qpos),
+        )
+        for arm in arms:
+            arm.worst = Worst()
 
     def _guard(self, now: float, warnings: list[str]) -> None:
         """Stop on instability, on unintended contact, on a lost object, on a tool too far from its reference."""
@@ -331,25 +447,21 @@ class Simulation:
                 self.log(text, "ERROR")
                 if settings.stop_on_contact:
                     self._stop(StopReason.CONTACT, text)
-        if self._worst.error_m > settings.max_error_m or self._worst.error_rad > settings.max_error_rad:
-            text = f"the tool is {1000 * self._worst.error_m:.2f} mm and {self._worst.error_rad:.4f} rad off"
-            self._stop(StopReason.TRACKING, text)
-        slip = self._watch.slip()
-        if slip > _SLIPPED:
-            self._stop(StopReason.LOST_GRASP, f"the {self.held} slipped by {1000 * slip:.2f} mm")
+        for arm in self.arms.values():
+            worst = arm.worst
+            if worst.error_m > settings.max_error_m or worst.error_rad > settings.max_error_rad:
+                text = f"the tool is {1000 * worst.error_m:.2f} mm and {worst.error_rad:.4f} rad off"
+                self._stop(StopReason.TRACKING, self._whose(arm) + text)
+        for held in self._watch.held.values():
+            slip = self._watch.slip(held)
+            if slip > held.may_slip:
+                self._stop(StopReason.LOST_GRASP, f"the {held.thing.name} slipped by {1000 * slip:.2f} mm")
 
     def _stop(self, reason: StopReason, detail: str) -> None:
         if self.stop is None:
             self.stop = Stop(self.time, reason, detail)
             self._rows.stop = self.stop
             self.log(f"{reason.value}: {detail}. {reason.sentence}", "ERROR")
-
-    # ---- grasping -----------------------------------------------------------------------------------------------
-
-    def _gripper(self) -> Hand:
-        if self._hand is None:
-            raise ModelError(f"{self.robot.name} has no gripper", where=self.scene.path)
-        return self._hand
 
     def _wait_for_grip(self, hand: Hand, mine: Iterable[int]) -> bool:
         """Hold until every finger rests on the object."""
@@ -364,12 +476,3 @@ class Simulation:
         self._stop(StopReason.NO_GRASP, detail)
         self.flush()
         return False
-
-    def _tool_matrix(self) -> Array:
-        T = np.eye(4)
-        T[:3, :3] = self._data.site_xmat[self._site].reshape(3, 3)
-        T[:3, 3] = self._data.site_xpos[self._site]
-        return T
-
-    def _tool_pose(self) -> Pose:
-        return Pose.from_matrix(self._tool_matrix())

@@ -1,10 +1,10 @@
-"""What the robot may touch, what it holds, and how close it is to everything else, while a simulation runs."""
+"""What the robots may touch, what they hold, and how close they are to everything else, while a simulation runs."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -18,42 +18,54 @@ from workcell.simulate.grasp import Weld
 if TYPE_CHECKING:
     import mujoco
 
+Hold = Literal["weld", "friction"]
+
 _LIFTED = 1e-3
 """Metres above what it stood on, at which an object counts as lifted."""
+_LOST: dict[Hold, float] = {"weld": 2e-3, "friction": 6e-3}
+"""Metres of slip at which an object counts as lost: a weld does not give, rubber does a little."""
 
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """What the hand holds, how it held it at the grasp, and the geoms that the object then stood on."""
+    """What a hand holds, how it held it at the grasp, and the geoms that the object then stood on."""
 
     thing: SceneObject
     weld: Weld
     T_hand_object: Pose
     T_tool_object: Pose
     supports: frozenset[int]
+    hold: Hold = "weld"
+
+    @property
+    def may_slip(self) -> float:
+        """Metres that the object may move in the hand before it counts as lost."""
+        return _LOST[self.hold]
 
 
 class Watch:
-    """Keeps the contact guard and the clearance measure in step with what the robot holds and may touch.
+    """Keeps the contact guard and the clearance measure in step with what the robots hold and may touch.
 
     Args:
         scene: the scene.
-        robot: whose surroundings are watched.
+        robots: whose surroundings are watched, each other included.
         model, data: the simulated ones.
 
     Attributes:
-        held: what the hand holds, or None.
+        held: what each hand holds, by the robot's name.
     """
 
-    def __init__(self, scene: Scene, robot: SceneRobot, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    def __init__(
+        self, scene: Scene, robots: Sequence[SceneRobot], model: mujoco.MjModel, data: mujoco.MjData
+    ) -> None:
         import mujoco
 
         self._distance = mujoco.mj_geomDistance
-        self._scene, self._robot, self._model, self._data = scene, robot, model, data
-        self._rules = ContactRules(model, robot)
+        self._scene, self._robots, self._model, self._data = scene, tuple(robots), model, data
+        self._rules = ContactRules(model, frozenset[int]().union(*(robot.body_ids for robot in robots)))
         self._expected: set[tuple[int, int]] = set()
-        self._collision = CollisionModel(scene, robot.name)
-        self.held: Held | None = None
+        self._collision = [CollisionModel(scene, robot.name) for robot in robots]
+        self.held: dict[str, Held] = {}
 
     # ---- what is asked of it ------------------------------------------------------------------------------------
 
@@ -74,7 +86,8 @@ class Watch:
 
     def clearance(self, qpos: Array) -> Distance:
         """Smallest signed distance to all that should not be touched, at raw positions (nq,)."""
-        return self._collision.distance_at(qpos, limit=1.0)
+        found = (model.distance_at(qpos, limit=1.0) for model in self._collision)
+        return min(found, key=lambda distance: distance.distance)
 
     def unintended(self) -> list[tuple[tuple[str, str], float]]:
         """Names and depths (metres) of the unintended contacts now."""
@@ -85,12 +98,17 @@ class Watch:
         return self._rules.touching(self._data, first, second)
 
     def touched_by(self, geoms: Iterable[int]) -> frozenset[int]:
-        """Geoms, not of the robot, that touch any of these now."""
+        """Geoms, not of the robots, that touch any of these now."""
         return self._rules.touched_by(self._data, geoms)
 
-    def slip(self) -> float:
-        """How far the held object has moved in the hand since the grasp, metres; 0 without one."""
-        return 0.0 if self.held is None else self.held.weld.slip(self._data, self.held.T_hand_object)
+    def slip(self, held: Held) -> float:
+        """How far a held object has moved in the hand since the grasp, metres."""
+        return held.weld.slip(self._data, held.T_hand_object)
+
+    def shared(self) -> list[Held]:
+        """The grasps of an object that several hands hold; empty without one."""
+        names = [held.thing.name for held in self.held.values()]
+        return [held for held in self.held.values() if names.count(held.thing.name) > 1]
 
     def bounds(self, bodies: Iterable[int]) -> Array:
         """(2, 3) corners of the axis-aligned box around all geoms of some bodies, now."""
@@ -112,41 +130,48 @@ class Watch:
         self._expected = self._expected | pairs if expected else self._expected - pairs
         self._rebuild()
 
-    def take(self, held: Held) -> None:
+    def take(self, robot: str, held: Held) -> None:
         """An object is part of the robot now; until it is lifted it may touch what it stands on."""
-        self.held = held
+        self.held[robot] = held
         self._rules.watch(held.thing, carried=True)
         self.expect(self.geoms(held.thing.body_ids), held.supports)
 
-    def let_go(self) -> None:
-        """The hand is empty again."""
-        if self.held is not None:
-            self._rules.watch(self.held.thing, carried=False)
-            self.held = None
+    def let_go(self, robot: str) -> None:
+        """The robot's hand is empty again."""
+        left = self.held.pop(robot, None)
+        if left is not None:
+            still = any(held.thing is left.thing for held in self.held.values())
+            self._rules.watch(left.thing, carried=still)
             self._rebuild()
 
-    def notice_lift(self) -> bool:
-        """Whether the held object has just left what it stood on; touching that again is unintended."""
-        held = self.held
-        if held is None or not held.supports:
-            return False
-        mine = self.geoms(held.thing.body_ids)
-        if any(
+    def notice_lift(self) -> list[str]:
+        """Names of the held objects that have just left what they stood on; touching that again is unintended."""
+        lifted = []
+        for robot, held in list(self.held.items()):
+            mine = self.geoms(held.thing.body_ids)
+            if not held.supports or self._near(mine, held.supports):
+                continue
+            self.held[robot] = replace(held, supports=frozenset())
+            self.expect(mine, held.supports, expected=False)
+            lifted.append(held.thing.name)
+        return list(dict.fromkeys(lifted))
+
+    def _near(self, mine: Iterable[int], supports: Iterable[int]) -> bool:
+        return any(
             self._distance(self._model, self._data, geom, support, 2 * _LIFTED, None) <= _LIFTED
             for geom in mine
-            for support in held.supports
-        ):
-            return False
-        self.held = replace(held, supports=frozenset())
-        self.expect(mine, held.supports, expected=False)
-        return True
+            for support in supports
+        )
 
     def _rebuild(self) -> None:
-        held = self.held
-        self._collision = CollisionModel(
-            self._scene,
-            self._robot.name,
-            qpos=self._data.qpos,
-            attached=None if held is None else (held.thing.name, held.T_tool_object),
-            allowed_geoms=self._expected,
-        )
+        attached = {name: (held.thing.name, held.T_tool_object) for name, held in self.held.items()}
+        self._collision = [
+            CollisionModel(
+                self._scene,
+                robot.name,
+                qpos=self._data.qpos,
+                attached=attached.get(robot.name),
+                allowed_geoms=self._expected,
+            )
+            for robot in self._robots
+        ]

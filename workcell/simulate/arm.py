@@ -1,0 +1,125 @@
+"""One robot of a simulation: its controller, its hand, and where it should be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from workcell.errors import InputError, ModelError
+from workcell.model.scene import Scene, SceneRobot
+from workcell.motion.path import Trajectory
+from workcell.pose import Array, Pose
+from workcell.simulate.controller import Controller, discrete_reference
+from workcell.simulate.grasp import Hand
+from workcell.simulate.rows import Worst
+
+if TYPE_CHECKING:
+    import mujoco
+
+_START_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """Where one arm should be at every control step: (T, n) joints, (T, 4, 4) tool poses; at rest after the last."""
+
+    q: Array
+    qd: Array
+    qdd: Array
+    tools: Array
+
+    def at(self, k: int) -> tuple[Array, Array, Array, Array]:
+        """Joint positions, velocities, accelerations (n,) and the tool's pose (4, 4) at step `k`."""
+        if k < len(self.q):
+            return self.q[k], self.qd[k], self.qdd[k], self.tools[k]
+        rest = np.zeros_like(self.q[-1])
+        return self.q[-1], rest, rest, self.tools[-1]
+
+
+class Arm:
+    """One robot in motion.
+
+    Args:
+        scene: the scene.
+        robot: the robot.
+        model: the simulated model.
+        controller: what drives its motors.
+
+    Attributes:
+        robot, controller: as given.
+        hand: its gripper, or None.
+        reference: (n,) where its joints should be now.
+        worst: largest errors and torques since the last logged row.
+        saturated: whether a joint was at its effort limit in the last step.
+    """
+
+    def __init__(
+        self, scene: Scene, robot: SceneRobot, model: mujoco.MjModel, controller: Controller
+    ) -> None:
+        import mujoco
+
+        self.robot, self.controller = robot, controller
+        self.hand = Hand.of(model, robot)
+        self.reference: Array = np.array(robot.start)
+        self.worst = Worst()
+        self.saturated = False
+        self._where = scene.path
+        name = robot.prefix + robot.robot.tool().name
+        self._site = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name))
+        if self._site < 0:
+            raise ModelError(f"the model has no site {name!r}", where=scene.path)
+
+    @property
+    def name(self) -> str:
+        """The robot's name in the scene."""
+        return self.robot.name
+
+    def gripper(self) -> Hand:
+        """The hand; raises ModelError for a robot without one."""
+        if self.hand is None:
+            raise ModelError(f"{self.name} has no gripper", where=self._where)
+        return self.hand
+
+    def tool_matrix(self, data: mujoco.MjData) -> Array:
+        """(4, 4) world pose of the tool now."""
+        T = np.eye(4)
+        T[:3, :3] = data.site_xmat[self._site].reshape(3, 3)
+        T[:3, 3] = data.site_xpos[self._site]
+        return T
+
+    def tool_pose(self, data: mujoco.MjData) -> Pose:
+        """`T_world_tool` now."""
+        return Pose.from_matrix(self.tool_matrix(data))
+
+    def still(self) -> Reference:
+        """Stay where the reference stands."""
+        q = self.reference[None]
+        return Reference(q, np.zeros_like(q), np.zeros_like(q), self.robot.robot.fk_transform(q))
+
+    def follow(self, trajectory: Trajectory, timestep: float) -> Reference:
+        """What `execute` tracks; raises InputError for a trajectory that doesn't fit."""
+        if abs(trajectory.dt - timestep) > 1e-9:
+            raise InputError(
+                f"the trajectory's step is {trajectory.dt:.6g} s, the simulation's {timestep:.6g} s",
+                where="trajectory",
+                remedy=f"retime with dt={timestep:.6g}",
+            )
+        if trajectory.q.shape[1] != self.robot.robot.dof:
+            raise InputError(f"the trajectory moves {trajectory.q.shape[1]} joints", where="trajectory")
+        gap = float(np.abs(trajectory.q[0] - self.reference).max())
+        if gap > _START_TOLERANCE:
+            raise InputError(f"the trajectory begins {gap:.3g} rad away from the robot", where="trajectory")
+        return Reference(*discrete_reference(trajectory), self.robot.robot.fk_transform(trajectory.q))
+
+    def drive(
+        self, data: mujoco.MjData, qpos: Array, wanted: tuple[Array, Array, Array, Array]
+    ) -> tuple[Array, bool]:
+        """Set the motors for one step; returns the torques (n,) and whether a joint has just reached its limit."""
+        q, qd, qdd, _ = wanted
+        torque, saturated = self.controller.torque(qpos, data.qvel, q, qd, qdd)
+        data.ctrl[self.robot.actuator_ids] = torque / self.controller.arm.gear
+        self.reference = q
+        just, self.saturated = saturated and not self.saturated, saturated
+        return torque, just

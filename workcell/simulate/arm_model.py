@@ -1,0 +1,167 @@
+"""What a controller knows of an arm: a copy of the compiled model, with the payload in the hand, and with its errors.
+
+The inverse dynamics are MuJoCo's (`mj_inverse`), on a copy of the model without contacts and equalities, since those
+forces would be counted into the torque otherwise. A carried object enters as part of the hand: the copy's hand gets the
+combined mass, centre of mass and inertia.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from workcell.errors import ModelError
+from workcell.model.scene import SceneRobot
+from workcell.pose import Array, matrix_to_quat
+from workcell.simulate.imperfections import Imperfections
+
+if TYPE_CHECKING:
+    import mujoco
+
+
+class ArmModel:
+    """The dynamics of one robot as its controller believes them to be.
+
+    Args:
+        model: the simulated model; it is copied.
+        robot: the robot to control; its actuators must be torque motors.
+        imperfections: errors of the believed masses; None: the truth.
+
+    Attributes:
+        gear: (n,) joint torque for a control value of one.
+        effort: (n,) largest torques.
+
+    Raises:
+        ModelError: an actuator that is not a plain motor.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, robot: SceneRobot, imperfections: Imperfections | None = None
+    ) -> None:
+        import mujoco
+
+        self._mujoco = mujoco
+        self._imperfections = imperfections or Imperfections()
+        self._model = copy.copy(model)
+        bits = mujoco.mjtDisableBit
+        self._model.opt.disableflags |= bits.mjDSBL_CONTACT | bits.mjDSBL_EQUALITY | bits.mjDSBL_LIMIT
+        self._data = mujoco.MjData(self._model)
+        self._dofs, self._qpos = robot.dof_addresses, robot.qpos_addresses
+        self.gear = _motor_gears(model, robot)
+        self.effort = np.array(robot.robot.effort)
+        for body, factor in self._imperfections.link_factors(robot.body_ids).items():
+            self._model.body_mass[body] *= factor
+            self._model.body_inertia[body] *= factor
+        self._plain = copy.copy(self._model)
+        self._start = np.array(robot.start)
+        self._rng = np.random.default_rng([self._imperfections.seed, int(self._dofs[0])])
+
+    def inverse(self, qpos: Array, qvel: Array, q: Array, qd: Array, qdd: Array) -> Array:
+        """(n,) joint torques that accelerate the arm by `qdd` at `q`, `qd` (n,), the rest of the scene unaccelerated.
+
+        Args:
+            qpos, qvel: raw state of the whole scene; the arm's own part of it is replaced.
+            q, qd, qdd: (n,) of the arm.
+        """
+        data = self._data
+        data.qpos[:], data.qvel[:], data.qacc[:] = qpos, qvel, 0.0
+        data.qpos[self._qpos], data.qvel[self._dofs], data.qacc[self._dofs] = q, qd, qdd
+        self._mujoco.mj_inverse(self._model, data)
+        torque: Array = data.qfrc_inverse[self._dofs]
+        return torque
+
+    def inertias_at_start(self, qpos: Array) -> Array:
+        """(n,) diagonal of the joint-space inertia matrix where the arm starts; armature included.
+
+        Args:
+            qpos: (nq,) raw positions of the rest of the scene.
+        """
+        data = self._data
+        data.qpos[:] = qpos
+        data.qpos[self._qpos] = self._start
+        self._mujoco.mj_forward(self._model, data)
+        full = np.zeros((self._model.nv, self._model.nv))
+        self._mujoco.mj_fullM(self._model, data, full)
+        return np.array(np.diag(full)[self._dofs])
+
+    def measured(self, qpos: Array, qvel: Array) -> tuple[Array, Array]:
+        """(n,) positions and velocities of the joints as the controller's sensors report them."""
+        return self._imperfections.sensed(qpos[self._qpos], qvel[self._dofs], self._rng)
+
+    def clamped(self, torque: Array) -> tuple[Array, bool]:
+        """Torques (n,) within the effort limits, and whether any was beyond."""
+        held: Array = np.clip(torque, -self.effort, self.effort)
+        return held, bool(np.any(held != torque))
+
+    def carry(self, hand: int, bodies: Iterable[int], data: mujoco.MjData, share: float = 1.0) -> None:
+        """Count bodies as rigid parts of the body `hand`, as they are placed in `data` now.
+
+        Args:
+            hand: id of the hand's body.
+            bodies: ids of the carried bodies.
+            data: the simulation.
+            share: of the carried mass and inertia; several hands that hold one thing share it.
+        """
+        R, origin = data.xmat[hand].reshape(3, 3), data.xpos[hand]
+        masses, centres, inertias = [], [], []
+        for body in (hand, *bodies):
+            believed = 1.0 if body == hand else share * (1.0 + self._imperfections.payload_error)
+            frame = R.T @ data.ximat[body].reshape(3, 3)
+            masses.append(believed * float(self._plain.body_mass[body]))
+            centres.append(R.T @ (data.xipos[body] - origin))
+            inertias.append(believed * frame @ np.diag(self._plain.body_inertia[body]) @ frame.T)
+        mass, centre, inertia = combined_inertia(np.array(masses), np.array(centres), np.array(inertias))
+        moments, axes = np.linalg.eigh(inertia)
+        axes[:, 2] *= np.linalg.det(axes)
+        self._set_inertia(hand, mass, centre, moments, matrix_to_quat(axes))
+
+    def drop(self, hand: int) -> None:
+        """The hand is empty again."""
+        plain = self._plain
+        self._set_inertia(
+            hand,
+            plain.body_mass[hand],
+            plain.body_ipos[hand],
+            plain.body_inertia[hand],
+            plain.body_iquat[hand],
+        )
+
+    def _set_inertia(self, body: int, mass: float, centre: Array, moments: Array, quat: Array) -> None:
+        model = self._model
+        model.body_mass[body], model.body_ipos[body] = mass, centre
+        model.body_inertia[body], model.body_iquat[body] = moments, quat
+        self._mujoco.mj_setConst(model, self._data)
+
+
+def combined_inertia(masses: Array, centres: Array, inertias: Array) -> tuple[float, Array, Array]:
+    """Mass, centre of mass (3,) and inertia about it (3, 3) of rigidly joined bodies.
+
+    Args:
+        masses: (k,); centres: (k, 3); inertias: (k, 3, 3) about each body's own centre; all in one frame.
+    """
+    mass = float(masses.sum())
+    centre: Array = masses @ centres / mass
+    total = np.zeros((3, 3))
+    for m, c, inertia in zip(masses, centres - centre, inertias, strict=True):
+        total += inertia + m * (c @ c * np.eye(3) - np.outer(c, c))
+    return mass, centre, total
+
+
+def _motor_gears(model: mujoco.MjModel, robot: SceneRobot) -> Array:
+    import mujoco
+
+    for actuator in robot.actuator_ids:
+        fixed = model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
+        unbiased = model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE
+        static = model.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_NONE
+        if not (fixed and unbiased and static):
+            raise ModelError(
+                f"the actuator {model.actuator(actuator).name!r} is not a torque motor",
+                remedy="the controllers need <motor> actuators on the arm's joints",
+            )
+    ids = robot.actuator_ids
+    gears: Array = model.actuator_gear[ids, 0] * model.actuator_gainprm[ids, 0]
+    return gears

@@ -9,13 +9,13 @@ from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.cuboids import (
     GAP,
     biased_seeds,
-    covered_fraction,
     inflate_cuboids,
     outermost,
     random_seeds,
     select_cuboids,
 )
 from workcell.geometry.decompose import check_base_is_free
+from workcell.geometry.free_space import covered_fraction
 from workcell.geometry.separation import separations, support
 from workcell.geometry.spheres import robot_cover
 from workcell.geometry.types import FreeSpace, Piece
@@ -135,7 +135,7 @@ def test_selection_keeps_what_holds_the_most():
 def test_shelf_cell_is_well_covered():
     scene = Scene.load("shelf_grasp")
     robot = scene.robot()
-    from workcell.geometry.decompose import fill_free_space, workspace_box
+    from workcell.geometry.free_space import fill_free_space, workspace_box
     from workcell.geometry.pieces import scene_obstacles
 
     cover = robot_cover(scene.model, robot, overshoot=0.04)

@@ -185,7 +185,7 @@ def decompose(options: argparse.Namespace) -> int:
     for path in filter(None, (options.out, options.png)):
         check_writable(path)
     scene = Scene.load(options.cell, robot=options.robot)
-    with progress_bar("decompose", 4) as bar:
+    with progress_bar("decompose", 5) as bar:
         result = run(scene, overshoot=options.overshoot, seed=options.seed, progress=bar.step)
     document = result.to_json()
     if options.out:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError
 from workcell.geometry.blockers import Blockers
-from workcell.geometry.clearance import ObstacleArrays, robot_clearance
+from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.separation import separations
 from workcell.geometry.types import FreeSpace, Piece, SphereCover
 from workcell.model.robot import Robot
@@ -128,45 +128,6 @@ def holds_spheres(free_space: FreeSpace, centres: ArrayLike, radii: ArrayLike) -
         (centre - radius >= free_space.lower) & (centre + radius <= free_space.upper), axis=-1
     )
     return inside
-
-
-def covered_fraction(
-    free_space: FreeSpace,
-    robot: Robot,
-    cover: SphereCover,
-    obstacles: ObstacleArrays | Sequence[Piece],
-    *,
-    samples: int = 200,
-    seed: int = 0,
-) -> float:
-    """Share of the reachable free workspace inside the cuboids.
-
-    Measured on the moving spheres of random collision-free configurations: the share that lies, with its radius,
-    inside one cuboid. nan when no random configuration is free.
-    """
-    centres, radii = free_spheres(robot, cover, obstacles, samples=samples, seed=seed)
-    if len(centres) == 0:
-        return float("nan")
-    return float(holds_spheres(free_space, centres, radii).any(axis=-1).mean())
-
-
-def free_spheres(
-    robot: Robot,
-    cover: SphereCover,
-    obstacles: ObstacleArrays | Sequence[Piece],
-    *,
-    samples: int = 200,
-    seed: int = 0,
-) -> tuple[Array, Array]:
-    """World centres (k, m, 3) of the moving spheres in those of `samples` random configurations that are free, and
-    their radii (m,).
-    """
-    moving = cover.link > 0
-    part = SphereCover(cover.link[moving], cover.centre[moving], cover.radius[moving], cover.kind)
-    q = robot.random_configuration(np.random.default_rng(seed), samples)
-    packed = obstacles if isinstance(obstacles, ObstacleArrays) else ObstacleArrays(obstacles)
-    free = (robot_clearance(robot, part, packed, q) >= 0).all(axis=1)
-    return part.centres_world(robot.link_transforms(q[free])), np.array(part.radius)
 
 
 def select_cuboids(

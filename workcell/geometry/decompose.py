@@ -4,24 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from workcell.errors import ModelError
-from workcell.geometry.clearance import ObstacleArrays, robot_clearance
+from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.cover_proof import prove_cover
-from workcell.geometry.cuboids import (
-    biased_seeds,
-    covered_fraction,
-    free_spheres,
-    holds_spheres,
-    inflate_cuboids,
-    random_seeds,
-    select_cuboids,
-)
+from workcell.geometry.free_space import fill_free_space, spheres_held, with_polytopes
 from workcell.geometry.pieces import move_piece, robot_pieces, scene_obstacles
 from workcell.geometry.reachable import ReachBall, part_in_reach, reach_ball
 from workcell.geometry.spheres import obstacle_cover, robot_cover
@@ -33,7 +24,7 @@ from workcell.pose import Array, Pose
 _BASE_SLACK = 5e-3
 """Metres that a robot's base frame may lie inside an obstacle: it may stand in its mounting plate."""
 
-_BIASED_CONFIGURATIONS, _RANDOM_SEEDS, _SAMPLES = 8, 60, 200
+_SAMPLES = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +39,7 @@ class Decomposition:
         obstacles: all other colliding geometry, in the world.
         robot_cover: outer spheres in link frames; link 0 is what no joint moves.
         obstacle_cover: outer spheres in the world, over what the robot can reach of each obstacle.
-        free_space: cuboids, with their covered fraction.
+        free_space: cuboids, polytopes where those fit badly, and the fraction they cover.
         metrics: counts, overshoots, coverage, times.
     """
 
@@ -81,7 +72,7 @@ class Decomposition:
                 {"lower": low.tolist(), "upper": high.tolist()}
                 for low, high in zip(self.free_space.lower, self.free_space.upper, strict=True)
             ],
-            "polytopes": [],
+            "polytopes": [{"A": p.A.tolist(), "b": p.b.tolist()} for p in self.free_space.polytopes],
             "metrics": dict(self.metrics),
         }
 
@@ -94,18 +85,20 @@ def decompose(
     seed: int = 0,
     progress: Callable[[], object] | None = None,
 ) -> Decomposition:
-    """Cover a scene's robot and obstacles with spheres, and its free space with cuboids; prove and measure all of it.
+    """Cover a scene's robot and obstacles with spheres, its free space with cuboids and, where those fit badly, polytopes.
+
+    All of it is proved and measured.
 
     Obstacles are covered where the robot can get: inside the ball of `reach_ball`, with boxes and half-spaces cut down
     to it (`part_in_reach`). The metrics name those that were cut (`obstacles_cut_to_reach`) or that lie outside it
-    (`obstacles_out_of_reach`), and the ball's radius (`reach_radius_m`). The cuboids know all obstacles, uncut.
+    (`obstacles_out_of_reach`), and the ball's radius (`reach_radius_m`). The free space knows all obstacles, uncut.
 
     Args:
         scene: the scene.
         robot: the robot's name; None: the only one.
         overshoot: metres that a sphere may stick out.
         seed: of the random seeds and of the sampler that measures coverage.
-        progress: called after each of the four parts: robot cover, obstacle cover, free space, measurement.
+        progress: called after each of the five parts: robot cover, obstacle cover, cuboids, polytopes, measurement.
 
     Raises:
         ModelError: an obstacle that contains the robot's base, or a geom that is not supported.
@@ -130,8 +123,10 @@ def decompose(
     lap("obstacle_cover_s")
     goals = np.array([goal.pose.position for goal in scene.goals.values() if goal.robot == actor.name])
     free_space = fill_free_space(kinematics, cover, obstacles, [q], points=goals, seed=seed)
-    lap("free_space_s")
-    fraction = covered_fraction(free_space, kinematics, cover, obstacles, samples=_SAMPLES, seed=seed + 1)
+    lap("cuboids_s")
+    free_space = with_polytopes(free_space, kinematics, cover, obstacles, seed=seed)
+    lap("polytopes_s")
+    held = spheres_held(free_space, kinematics, cover, obstacles, samples=_SAMPLES, seed=seed + 1)
     links = robot_pieces(scene.model, actor)
     metrics = {
         **_robot_metrics(links, cover),
@@ -140,67 +135,19 @@ def decompose(
         "cuboid_margin_m": float(np.min(free_space.margin, initial=np.inf))
         if free_space.margin is not None
         else None,
-        "covered_fraction": fraction,
+        "polytopes": len(free_space.polytopes),
+        "polytope_margin_m": min((p.margin for p in free_space.polytopes), default=None),
+        "cuboid_fraction": held.in_cuboids,
+        "covered_fraction": held.in_any,
         "skipped_seeds": free_space.skipped_seeds,
     }
     lap("measurement_s")
     poses = [Pose.from_matrix(T) for T in kinematics.link_transforms(q)]
     placed = [move_piece(piece, pose) for pose, link in zip(poses, links, strict=True) for piece in link]
-    measured = FreeSpace(
-        free_space.lower, free_space.upper, fraction, free_space.margin, free_space.skipped_seeds
-    )
+    measured = replace(free_space, covered_fraction=held.in_any)
     return Decomposition(
         scene.name, kinematics, q, tuple(placed), obstacles, cover, around, measured, metrics | times
     )
-
-
-def fill_free_space(
-    robot: Robot,
-    cover: SphereCover,
-    obstacles: Sequence[Piece],
-    configurations: Sequence[Array],
-    *,
-    points: ArrayLike = (),
-    seed: int = 0,
-    most: int = 12,
-) -> FreeSpace:
-    """Cuboids from seeds at the given configurations and points, at random free ones, and anywhere; the best of them.
-
-    Args:
-        robot, cover, obstacles: what moves among what.
-        configurations: (n,) each, that the free space must serve.
-        points: (k, 3) where free space is wanted, such as goals; the largest cuboid at each is kept.
-        seed: of the random configurations and seeds.
-        most: number of other cuboids to keep, those that hold the most of the robot's spheres.
-    """
-    rng = np.random.default_rng(seed)
-    moving = cover.link > 0
-    part = SphereCover(cover.link[moving], cover.centre[moving], cover.radius[moving], cover.kind)
-    packed = ObstacleArrays(obstacles)
-    drawn = robot.random_configuration(rng, 10 * _BIASED_CONFIGURATIONS)
-    free = drawn[(robot_clearance(robot, part, packed, drawn) >= 0).all(axis=1)][:_BIASED_CONFIGURATIONS]
-    bounds = workspace_box(robot)
-    spots = np.asarray(points, dtype=float).reshape(-1, 3)
-    seeds = np.vstack(
-        [
-            spots,
-            biased_seeds(robot, part, np.vstack([*(q[None] for q in configurations), free]), seed=seed),
-            random_seeds(bounds, _RANDOM_SEEDS, seed=seed),
-        ]
-    )
-    cuboids = inflate_cuboids(seeds, obstacles, bounds)
-    centres, radii = free_spheres(robot, part, packed, samples=_SAMPLES, seed=seed)
-    wanted = part.centres_world(robot.link_transforms(np.array(configurations)))
-    around = holds_spheres(cuboids, spots, np.zeros(len(spots)))
-    needed = sorted({int(np.argmax(row)) for row in around if row.any()})
-    return select_cuboids(cuboids, np.concatenate([wanted, centres]), radii, most=most, needed=needed)
-
-
-def workspace_box(robot: Robot, slack: float = 0.2) -> Array:
-    """(2, 3) corners of a box around all that the robot can reach, with `slack` metres to spare."""
-    origin = robot.T_world_base.apply(robot.joint_xyz[0])
-    radius = robot.reach() + slack
-    return np.array([origin - radius, origin + radius])
 
 
 def check_base_is_free(robot: Robot, obstacles: Sequence[Piece]) -> None:

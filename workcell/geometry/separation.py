@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from workcell.errors import ModelError
 from workcell.geometry.polytope import polytope_of
 from workcell.geometry.types import Piece
 from workcell.pose import Array
@@ -35,6 +36,29 @@ def support(piece: Piece, direction: Array) -> Array:
         reach = (local @ piece.vertices.T).max(axis=-1)
     total: Array = at + reach
     return total
+
+
+def support_point(piece: Piece, direction: Array) -> Array:
+    """A point (3,) of a bounded piece that is farthest in a direction (3,)."""
+    local = np.asarray(direction, dtype=float) @ piece.pose.rotation
+    size = piece.size
+    if piece.kind == "box":
+        point = np.copysign(size, local)
+    elif piece.kind in ("sphere", "capsule"):
+        point = size[0] * local / max(float(np.linalg.norm(local)), 1e-300)
+        if piece.kind == "capsule":
+            point[2] += np.copysign(size[1], local[2])
+    elif piece.kind == "cylinder":
+        around = size[0] * local[:2] / max(float(np.hypot(local[0], local[1])), 1e-300)
+        point = np.append(around, np.copysign(size[1], local[2]))
+    elif piece.kind == "ellipsoid":
+        point = size**2 * local / max(float(np.linalg.norm(local * size)), 1e-300)
+    elif piece.kind == "hull":
+        assert piece.vertices is not None
+        point = piece.vertices[int(np.argmax(piece.vertices @ local))]
+    else:
+        raise ModelError("a half-space has no farthest point", where=piece.name)
+    return np.asarray(piece.pose.apply(point))
 
 
 def bounding_box(piece: Piece) -> tuple[Array, Array]:

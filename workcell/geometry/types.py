@@ -111,14 +111,43 @@ class SphereCover:
 
 
 @dataclass(frozen=True, slots=True)
-class FreeSpace:
-    """Axis-aligned cuboids in the world frame, each proved disjoint from every obstacle piece.
+class FreePolytope:
+    """A bounded convex polytope {x: A x <= b} in the world frame, proved disjoint from every obstacle piece.
 
     Attributes:
-        lower, upper: (k, 3) corners in metres.
+        A: (m, 3) unit normals, outward.
+        b: (m,) metres.
+        margin: metres, the proved separation from the nearest obstacle (>= 0); infinite without obstacles.
+    """
+
+    A: Array
+    b: Array
+    margin: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "A", read_only(np.asarray(self.A, dtype=float).reshape(-1, 3)))
+        object.__setattr__(self, "b", read_only(np.asarray(self.b, dtype=float).reshape(-1)))
+        if len(self.A) != len(self.b) or not np.allclose(np.linalg.norm(self.A, axis=1), 1.0, atol=1e-9):
+            raise InputError("a polytope takes unit normals (m, 3) and as many offsets")
+
+    def holds_spheres(self, centres: Array, radii: Array) -> NDArray[np.bool_]:
+        """Whether each sphere, centres (..., m, 3) and radii (m,), lies inside: bool (..., m)."""
+        inside: NDArray[np.bool_] = np.all(
+            np.asarray(centres) @ self.A.T + np.asarray(radii)[:, None] <= self.b, axis=-1
+        )
+        return inside
+
+
+@dataclass(frozen=True, slots=True)
+class FreeSpace:
+    """Axis-aligned cuboids, and general polytopes, in the world frame, each proved disjoint from every obstacle piece.
+
+    Attributes:
+        lower, upper: (k, 3) corners of the cuboids in metres.
         covered_fraction: measured share of the reachable free workspace inside, or nan when not measured.
         margin: (k,) metres, the proved separation from the nearest obstacle (>= 0); None when nothing was proved.
         skipped_seeds: seeds that lay inside an obstacle or outside the workspace.
+        polytopes: where cuboids fit badly.
     """
 
     lower: Array
@@ -126,6 +155,7 @@ class FreeSpace:
     covered_fraction: float = float("nan")
     margin: Array | None = None
     skipped_seeds: int = 0
+    polytopes: tuple[FreePolytope, ...] = ()
 
     def __post_init__(self) -> None:
         if self.margin is not None:

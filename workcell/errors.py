@@ -56,5 +56,9 @@ class RecordingError(WorkcellError):
     """A recording can't be read: not an .rrd, damaged, or from something else."""
 
 
+class ScriptError(WorkcellError):
+    """A task script failed by a mistake of its own; `where` names its file and line."""
+
+
 class NotSolvedError(WorkcellError):
     """Raised by `IKResult.unwrap()` when there is no verified configuration."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -10,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Any, NoReturn
 
-from workcell.errors import InputError, ModelError, UnknownNameError
+from workcell.errors import InputError, UnknownNameError
 from workcell.ik.problem import IKProblem
 from workcell.ik.result import IKResult, Status
 from workcell.ik.solve import solve
@@ -27,20 +26,14 @@ from workcell.motion.world import PlanningWorld
 from workcell.pose import Array, Pose
 from workcell.record.recording import Recording
 from workcell.record.summary import write_json_atomic
+from workcell.script import TaskFailedError, load_script, run_script
+from workcell.simulate.controller import CONTROLLERS
 from workcell.simulate.execution import Execution
 from workcell.simulate.simulation import Simulation
 
 TRACKING_ROOM = 0.001
 """Metres that a timed motion keeps clear: the tracking error that the simulation may have."""
 PLANNERS = ("ikspark", "auto")
-
-
-class TaskFailedError(Exception):
-    """Ends a task early with a status; `run_task` turns it into the summary, never into a traceback."""
-
-    def __init__(self, status: str, sentence: str) -> None:
-        self.status, self.sentence = status, sentence
-        super().__init__(f"{status}: {sentence}")
 
 
 @dataclass(slots=True)
@@ -50,6 +43,7 @@ class Job:
     Attributes:
         scene: the compiled scene of the task file.
         planner: name of the solver for configurations and paths.
+        controller: name of what drives the motors (`workcell.simulate.controller.CONTROLLERS`).
         seed: same seed, same plan.
         recording: the open `.rrd`.
         tell: where lines of the story go.
@@ -60,6 +54,7 @@ class Job:
 
     scene: Scene
     planner: str
+    controller: str
     seed: int
     recording: Recording
     tell: Callable[[str], None]
@@ -167,7 +162,7 @@ class Job:
 
     def simulation(self) -> Simulation:
         """A simulation of the scene that logs into the recording."""
-        return Simulation(self.scene, on_chunk=self._log_chunk)
+        return Simulation(self.scene, controller=self.controller, on_chunk=self._log_chunk)
 
     def _log_chunk(self, chunk: Execution) -> None:
         self.recording.log_execution(chunk)
@@ -228,6 +223,7 @@ def run_task(
     *,
     robot: str | None = None,
     planner: str = "ikspark",
+    controller: str = "computed_torque",
     seed: int = 0,
     out: str | FilePath | None = None,
     say: Callable[[str], None] = print,
@@ -238,13 +234,16 @@ def run_task(
 
     Raises:
         WorkcellError: bad input, a start in collision among it; OutputError: the folder can't be written.
+        ScriptError: the script itself failed, with its line.
     """
     if planner not in PLANNERS:
         raise UnknownNameError("planner", planner, PLANNERS)
+    if controller not in CONTROLLERS:
+        raise UnknownNameError("controller", controller, CONTROLLERS)
     began = time.perf_counter()
     path = find_task(task)
-    script = _load_script(path)
-    scene = Scene.load(path, robot=robot)
+    script = load_script(path)
+    scene = Scene.load(path, robot=robot, seed=seed)
     _check_starts(scene)
     folder = FilePath(out) if out is not None else FilePath("runs") / path.stem
     name = scene.name
@@ -252,6 +251,7 @@ def run_task(
         "task": name,
         "robot": scene.robot().robot.name if len(scene.robots) == 1 else sorted(scene.robots),
         "planner": planner,
+        "controller": controller,
         "seed": seed,
         "achieved": False,
         "status": "INTERRUPTED",
@@ -262,12 +262,12 @@ def run_task(
     }
     recording_path, summary_path = folder / f"{name}.rrd", folder / f"{name}.json"
     recording = Recording(recording_path, task=name, seed=seed)
-    job = Job(scene, planner, seed, recording, say, summary, began)
+    job = Job(scene, planner, controller, seed, recording, say, summary, began)
     try:
         with recording:
             recording.log_scene(scene)
             try:
-                script(job)
+                run_script(script, job)
                 summary.update(achieved=True, status="ACHIEVED", sentence="The task was achieved.")
             except TaskFailedError as failure:
                 summary.update(achieved=False, status=failure.status, sentence=failure.sentence)
@@ -299,30 +299,3 @@ def _check_starts(scene: Scene) -> None:
                 where=f"{scene.path}: robot {name!r} start",
                 remedy="give a clear start, or move what it stands in; `workcell check` looks at the start alone",
             )
-
-
-def _load_script(task_file: FilePath) -> Callable[[Job], None]:
-    """The function `run(job)` of the script beside a task file."""
-    path = task_file.with_suffix(".py")
-    if not path.is_file():
-        raise ModelError(
-            "the task has no script beside it",
-            where=task_file,
-            remedy=f"write {path.name} with a function run(job)",
-        )
-    spec = importlib.util.spec_from_file_location(f"workcell_task_{path.stem}", path)
-    if spec is None or spec.loader is None:
-        raise ModelError("this script can't be loaded", where=path)
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-    except SyntaxError as error:
-        raise ModelError(
-            f"this script is not valid Python: {error.msg}", where=f"{path}:{error.lineno}"
-        ) from None
-    except ImportError as error:
-        raise ModelError(f"this script can't import what it needs: {error}", where=path) from None
-    script = getattr(module, "run", None)
-    if not callable(script):
-        raise ModelError("the script has no function run(job)", where=path)
-    return script  # type: ignore[no-any-return]

@@ -24,6 +24,7 @@ def run(options: argparse.Namespace) -> int:
         options.task,
         robot=options.robot,
         planner=options.planner,
+        controller=options.controller,
         seed=options.seed,
         out=options.out,
         say=silent if options.json else _say,

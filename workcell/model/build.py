@@ -23,16 +23,16 @@ GRASP = "grasp:{robot}:{object}"
 """Name of the weld, inactive at first, that holds an object to a robot's hand once the simulation grasps it."""
 
 
-def build_scene(source: str | Path, robot: str | None) -> Scene:
+def build_scene(source: str | Path, robot: str | None, seed: int | None = None) -> Scene:
     """See `Scene.load`."""
     task = _task_of(source, robot)
-    return _compiled(load_spec(task.cell, kind="cells", relative_to=task.path.parent), task)
+    return _compiled(load_spec(task.cell, kind="cells", relative_to=task.path.parent), task, seed)
 
 
-def _compiled(spec: mujoco.MjSpec, task: TaskFile) -> Scene:
+def _compiled(spec: mujoco.MjSpec, task: TaskFile, seed: int | None = None) -> Scene:
     homes = {entry.name: _attach_robot(spec, entry, task) for entry in task.robots}
-    for entry in task.objects:
-        _attach_object(spec, entry, task)
+    for k, entry in enumerate(task.objects):
+        _attach_object(spec, entry, task, _variation(entry, k, seed))
     if not task.robots:
         task = _robots_inside(spec, task)
     _add_grasp_welds(spec, task)
@@ -111,7 +111,18 @@ def _attach_robot(spec: mujoco.MjSpec, entry: RobotEntry, task: TaskFile) -> dic
     return home
 
 
-def _attach_object(spec: mujoco.MjSpec, entry: ObjectEntry, task: TaskFile) -> None:
+def _variation(entry: ObjectEntry, index: int, seed: int | None) -> Pose:
+    """By how much a seed moves an object in its place; an object's draw does not depend on the others'."""
+    if seed is None:
+        return Pose.identity()
+    rng = np.random.default_rng([seed, index])
+    half = np.array(entry.vary_xyz)
+    yaw = rng.uniform(-entry.vary_yaw, entry.vary_yaw)
+    quat = np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
+    return Pose(rng.uniform(-half, half), quat)
+
+
+def _attach_object(spec: mujoco.MjSpec, entry: ObjectEntry, task: TaskFile, moved: Pose) -> None:
     model = load_spec(entry.model, kind="objects", relative_to=task.path.parent)
     roots = list(model.worldbody.bodies)
     if len(roots) != 1:
@@ -130,7 +141,8 @@ def _attach_object(spec: mujoco.MjSpec, entry: ObjectEntry, task: TaskFile) -> N
             f"the site {place.name!r} must belong to the world body",
             where=f"{task.path}: object {entry.name!r}",
         )
-    frame = spec.worldbody.add_frame(pos=place.pos, quat=place.quat)
+    where = Pose(np.array(place.pos), np.array(place.quat)) @ moved
+    frame = spec.worldbody.add_frame(pos=where.position, quat=where.quat_wxyz)
     spec.attach(model, frame=frame, prefix=prefix)
     spec.body(prefix + body_name).add_freejoint(name=prefix + "free")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.errors import UnknownNameError
+from workcell.errors import InputError, UnknownNameError
 from workcell.model.robot import Robot
 from workcell.pose import Array, Pose, read_only
 
@@ -95,20 +95,21 @@ class Scene:
         object.__setattr__(self, "task", MappingProxyType(_Settings(self.task, self.path)))
 
     @staticmethod
-    def load(source: str | Path, *, robot: str | None = None) -> Scene:
+    def load(source: str | Path, *, robot: str | None = None, seed: int | None = None) -> Scene:
         """Load a task file (TOML), a cell (MJCF), or either by name.
 
         Args:
             source: a task name, a cell name, or the path of a `.toml` or `.xml` file.
             robot: use this robot model in place of the task's (a cell alone gets it mounted at its site
                 `robot_mount`, or at the world's origin).
+            seed: draws where the objects stand that vary (`vary_xyz`, `vary_yaw`); None: each exactly in its place.
 
         Raises:
             ModelError: a missing or malformed file, naming the element; UnknownNameError: an unknown name.
         """
         from workcell.model.build import build_scene
 
-        return build_scene(source, robot)
+        return build_scene(source, robot, seed)
 
     def robot(self, name: str | None = None) -> SceneRobot:
         """The robot of that name, or the only one; raises UnknownNameError."""
@@ -129,6 +130,30 @@ class Scene:
         if name not in self.objects:
             raise UnknownNameError("object", name, self.objects, where=self.path)
         return self.objects[name]
+
+    def moved(self, objects: Mapping[str, Pose]) -> Scene:
+        """The same scene beginning with some objects elsewhere, by world pose of their root bodies.
+
+        Goals stay where they are.
+
+        Raises:
+            UnknownNameError: no such object; InputError: a fixed one.
+        """
+        import copy
+
+        model = copy.copy(self.model)
+        for name, pose in objects.items():
+            at = self.object(name).qpos_address
+            if at is None:
+                raise InputError(f"the object {name!r} is fixed", where="objects", remedy="move a free one")
+            model.qpos0[at : at + 3], model.qpos0[at + 3 : at + 7] = pose.position, pose.quat_wxyz
+        return replace(self, model=model)
+
+    def with_start(self, robot: str, q: Array) -> Scene:
+        """The same scene with a robot beginning at `q` (n,); raises UnknownNameError, InputError."""
+        actor = self.robot(robot)
+        actor.robot.check_limits(q, where=f"start of {robot!r}")
+        return replace(self, robots={**self.robots, robot: replace(actor, start=read_only(q))})
 
     def initial_qpos(self) -> Array:
         """Raw MuJoCo positions (nq,) with every robot at its start and every object in its place; read-only."""

@@ -30,12 +30,18 @@ class RobotEntry:
 
 @dataclass(frozen=True, slots=True)
 class ObjectEntry:
-    """`[[objects]]`: a model placed at a site of the cell, free to move unless fixed."""
+    """`[[objects]]`: a model placed at a site of the cell, free to move unless fixed.
+
+    A seed moves it by up to `vary_xyz` (3) metres along each axis of the site, and turns it by up to `vary_yaw` radians
+    about the site's z axis.
+    """
 
     name: str
     model: str
     place: str
     fixed: bool = False
+    vary_xyz: tuple[float, ...] = (0.0, 0.0, 0.0)
+    vary_yaw: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,15 +122,25 @@ def _robot(reader: _Reader, entry: Mapping[str, Any], k: int) -> RobotEntry:
 
 def _object(reader: _Reader, entry: Mapping[str, Any], k: int) -> ObjectEntry:
     at = f"objects[{k}]"
-    reader.only_keys(entry, {"name", "model", "place", "fixed"}, at)
+    reader.only_keys(entry, {"name", "model", "place", "fixed", "vary_xyz", "vary_yaw"}, at)
     fixed = entry.get("fixed", False)
     if not isinstance(fixed, bool):
         raise reader.error(f"{at}.fixed", f"is {fixed!r}", "true or false")
+    vary_xyz = reader.numbers(entry, "vary_xyz", at, default=(0.0, 0.0, 0.0))
+    vary_yaw = reader.number(entry, "vary_yaw", at, default=0.0)
+    if len(vary_xyz) != 3 or min(*vary_xyz, vary_yaw) < 0:
+        raise reader.error(
+            at, "has a bad vary_xyz or vary_yaw", "three half-widths and one angle, none below 0"
+        )
+    if fixed and (any(vary_xyz) or vary_yaw):
+        raise reader.error(at, "is fixed and varies", "one of the two")
     return ObjectEntry(
         reader.text(entry, "name", at),
         reader.text(entry, "model", at),
         reader.text(entry, "place", at),
         fixed,
+        vary_xyz,
+        vary_yaw,
     )
 
 
@@ -166,6 +182,12 @@ class _Reader:
                 f"{at}.{key}".lstrip("."), "is missing" if value is None else f"is {value!r}", "a string"
             )
         return value
+
+    def number(self, table: Mapping[str, Any], key: str, at: str, *, default: float) -> float:
+        value = table.get(key, default)
+        if not isinstance(value, int | float) or isinstance(value, bool):
+            raise self.error(f"{at}.{key}", f"is {value!r}", "a number")
+        return float(value)
 
     def numbers(
         self, table: Mapping[str, Any], key: str, at: str, *, default: tuple[float, ...] | None = None

@@ -86,36 +86,6 @@ def _coal_hull(coal, piece):
     return coal.Convex.convexHull(points, False, "")
 
 
-def test_distances_agree_with_mujoco():
-    import mujoco
-
-    xml = """<mujoco><worldbody>
-      <geom name="box" type="box" size=".1 .2 .05" pos=".3 0 0" euler="20 30 40"/>
-      <geom name="capsule" type="capsule" size=".05 .2" pos="-.3 .2 0" euler="70 10 0"/>
-      <geom name="cylinder" type="cylinder" size=".08 .1" pos="0 -.4 .1" euler="0 50 10"/>
-      <geom name="ball" type="sphere" size=".1" pos="0 .4 .3"/>
-      <geom name="floor" type="plane" size="1 1 .1" pos="0 0 -.5"/>
-      <body name="probe"><freejoint/><geom name="probe" type="sphere" size=".03"/></body>
-    </worldbody></mujoco>"""
-    from workcell.geometry.pieces import pieces_of_bodies
-
-    model = mujoco.MjModel.from_xml_string(xml)
-    data = mujoco.MjData(model)
-    pieces = pieces_of_bodies(model, [0])
-    assert [piece.name for piece in pieces] == ["box", "capsule", "cylinder", "ball", "floor"]
-    packed = ObstacleArrays(pieces)
-    rng = np.random.default_rng(0)
-    for _ in range(40):
-        data.qpos[:3] = rng.uniform([-0.6, -0.6, -0.4], 0.6)
-        mujoco.mj_kinematics(model, data)
-        ours = packed.distances(data.qpos[:3]) - 0.03
-        probe = model.geom("probe").id
-        for k, piece in enumerate(pieces):
-            if ours[k] > 1e-3:
-                theirs = mujoco.mj_geomDistance(model, data, model.geom(piece.name).id, probe, 5.0, None)
-                assert ours[k] == pytest.approx(theirs, abs=1e-6 if piece.kind == "cylinder" else 1e-9)
-
-
 def test_nearest_and_floor_are_the_smallest_and_a_bound_below_it():
     rng = np.random.default_rng(1)
     packed = ObstacleArrays([random_piece(rng, kind) for kind in KINDS for _ in range(3)])

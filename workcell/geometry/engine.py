@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError
-from workcell.geometry.clearance import ObstacleArrays
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.packing import pack_spheres, pack_tree
 from workcell.geometry.self_collision import SelfCollisionPairs
 from workcell.geometry.types import Piece, SphereCover

@@ -88,14 +88,14 @@ def self_collision_pairs(
     candidates = _sphere_pairs(cover, chosen)
     rng = np.random.default_rng(seed)
     touching: Mask = _gaps(robot, cover, candidates, robot.random_configuration(rng, samples)) <= 0
-    always: Mask = touching.all(axis=0)
+    always: Mask = np.all(touching, axis=0)
     tolerated: Mask = np.zeros(len(candidates), dtype=bool)
     never = tolerated
     if known_free is not None:
         free = [robot.configuration(row, where="known_free") for row in np.atleast_2d(known_free)]
-        tolerated = (_gaps(robot, cover, candidates, np.array(free)) <= 0).any(axis=0) & ~always
+        tolerated = np.any(_gaps(robot, cover, candidates, np.array(free)) <= 0, axis=0) & ~always
     if prove:
-        never = _never_touch(robot, cover, candidates, ~touching.any(axis=0) & ~tolerated)
+        never = _never_touch(robot, cover, candidates, ~np.any(touching, axis=0) & ~tolerated)
     kept = ~(always | tolerated | never)
     return SelfCollisionPairs(
         candidates[kept], candidates[always], candidates[tolerated], candidates[never], chosen

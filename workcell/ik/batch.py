@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.geometry.clearance import ObstacleArrays
-from workcell.geometry.distance import KERNELS
 from workcell.geometry.types import Piece, SphereCover
 from workcell.model.robot import Robot
-from workcell.pose import Array, Pose, quat_to_matrix, rotation_vector
+from workcell.pose import Array, Pose, rotation_vector
 
 Index = NDArray[np.int64]
 
@@ -114,21 +113,13 @@ class Contacts:
 
 
 class Surroundings:
-    """Obstacles packed for batches of sphere centres: bounding balls first, then each kind's own formula."""
+    """Obstacles packed for batches of sphere centres: bounding balls first, then the compiled distances."""
 
     def __init__(self, cover: SphereCover, pieces: Sequence[Piece]) -> None:
         self.cover, self.pieces = cover, tuple(pieces)
-        self._rotation = quat_to_matrix(np.array([p.pose.quat_wxyz for p in pieces]).reshape(-1, 4))
+        self._obstacles = ObstacleArrays(self.pieces)
         self._origin = np.array([p.pose.position for p in pieces]).reshape(-1, 3)
         self._bound = np.array([_bounding_radius(p) for p in pieces])
-        self._size = np.zeros((len(pieces), 3))
-        for k, piece in enumerate(pieces):
-            self._size[k, : len(piece.size)] = piece.size
-        kinds = sorted({p.kind for p in pieces} - {"hull"})
-        self._kinds = [
-            (KERNELS[k], _width(k, pieces), np.array([p.kind == k for p in pieces])) for k in kinds
-        ]
-        self._hulls = [(k, ObstacleArrays([p])) for k, p in enumerate(pieces) if p.kind == "hull"]
 
     def centres(self, links: Links) -> Array:
         """World centres (b, m, 3) of the robot's spheres."""
@@ -145,27 +136,10 @@ class Surroundings:
         near = squared.reshape(b, m, -1) < reach**2
         lane, sphere, piece = np.nonzero(near)
         point = centres[lane, sphere]
-        distance, normal = self._distances(point, piece)
+        distance, normal = self._obstacles.distances_to(point, piece)
         gap = distance - self.cover.radius[sphere]
         kept = np.flatnonzero(gap < margin)
         return Contacts(lane[kept], sphere[kept], piece[kept], gap[kept], point[kept], normal[kept])
-
-    def _distances(self, point: Array, piece: Index) -> tuple[Array, Array]:
-        """Signed distance and outward direction of each world point (p, 3) from the piece (p,) beside it."""
-        distance, normal = np.empty(len(piece)), np.empty((len(piece), 3))
-        for kernel, width, members in self._kinds:
-            chosen = np.flatnonzero(members[piece])
-            which = piece[chosen]
-            R = self._rotation[which]
-            local = ((point[chosen] - self._origin[which])[:, None, :] @ R)[:, 0]
-            distance[chosen], local_normal = kernel(local, self._size[which, :width])
-            normal[chosen] = (R @ local_normal[..., None])[..., 0]
-        for index, hull in self._hulls:
-            chosen = np.flatnonzero(piece == index)
-            if len(chosen):
-                found, direction = hull.distances_and_gradients(point[chosen])
-                distance[chosen], normal[chosen] = found[:, 0], direction[:, 0]
-        return distance, normal
 
 
 def _cross(a: Array, b: Array) -> Array:
@@ -175,10 +149,6 @@ def _cross(a: Array, b: Array) -> Array:
     out[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
     out[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
     return out
-
-
-def _width(kind: str, pieces: Sequence[Piece]) -> int:
-    return next(len(piece.size) for piece in pieces if piece.kind == kind)
 
 
 def _bounding_radius(piece: Piece) -> float:

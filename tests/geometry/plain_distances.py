@@ -1,4 +1,4 @@
-"""Signed distances from points to convex shapes, with gradients: exact outside, penetration depth (negative) inside.
+"""An independent oracle: signed distances from points to convex shapes in plain numpy, with gradients.
 
 Each function takes points in the shapes' own frames, (..., k, 3) against k shapes, and returns distances (..., k) in
 metres and their gradients (..., k, 3): unit vectors that point away from the shape. Where the nearest surface point is
@@ -10,7 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
+from workcell.geometry.types import Piece
 from workcell.pose import Array
 
 _TINY = 1e-300
@@ -147,3 +149,30 @@ def _unit(x: Array, fallback: int = 2) -> tuple[Array, Array]:
         axis[fallback] = 1.0
         direction = np.where((length == 0)[..., None], axis, direction)
     return length, direction
+
+
+def plain_distances(points: Array, piece: Piece) -> tuple[Array, Array]:
+    """Signed distances (p,) and gradients (p, 3) of points (p, 3) to one piece."""
+    local = piece.pose.inverse().apply(points)
+    if piece.kind == "hull":
+        distance, gradient = _hull(local, piece)
+    else:
+        columns = KERNELS[piece.kind](local[:, None, :], piece.size[None])
+        distance, gradient = columns[0][:, 0], columns[1][:, 0]
+    return distance, gradient @ piece.pose.rotation.T
+
+
+def _hull(x: Array, piece: Piece) -> tuple[Array, Array]:
+    """Inside: the nearest facet's plane; outside: the nearest point of the surface's triangles."""
+    hull = ConvexHull(piece.vertices)
+    a, b, c = (hull.points[hull.simplices[:, k]] for k in range(3))
+    heights = x @ hull.equations[:, :3].T + hull.equations[:, 3]
+    facet = np.argmax(heights, axis=1)
+    rows = np.arange(len(x))
+    offset = x[:, None, :] - closest_on_triangles(x[:, None, :], a, b, c)
+    length = np.linalg.norm(offset, axis=-1)
+    best = np.argmin(length, axis=1)
+    outside = heights[rows, facet] > 0
+    away = offset[rows, best] / np.maximum(length[rows, best], _TINY)[:, None]
+    distance = np.where(outside, length[rows, best], heights[rows, facet])
+    return distance, np.where(outside[:, None], away, hull.equations[facet, :3])

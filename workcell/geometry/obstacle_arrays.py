@@ -1,0 +1,102 @@
+"""Convex pieces packed once, for many distance queries of points by compiled kernels."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workcell.errors import InputError
+from workcell.geometry.packing import pack_shapes
+from workcell.geometry.types import Piece
+from workcell.pose import Array
+
+
+class ObstacleArrays:
+    """Obstacle pieces packed once, for many distance queries by compiled kernels.
+
+    Args:
+        pieces: convex pieces, all in one frame.
+
+    Raises:
+        ModelError: a hull without volume; `where` names the piece.
+    """
+
+    def __init__(self, pieces: Sequence[Piece]) -> None:
+        self.pieces = tuple(pieces)
+        self.shapes = pack_shapes(self.pieces)
+        self._packed_at = np.argsort(self.shapes.order)
+
+    def __len__(self) -> int:
+        return len(self.pieces)
+
+    def distances(self, points: ArrayLike) -> Array:
+        """Signed distances (..., k) in metres of points (..., 3) to the k pieces."""
+        flat, batch = _flat_points(points)
+        distance = np.empty((len(flat), len(self)))
+        _kernels().all_distances(self.shapes, flat, distance, np.empty((0, 0, 0)))
+        return distance.reshape(*batch, len(self))
+
+    def distances_and_gradients(self, points: ArrayLike) -> tuple[Array, Array]:
+        """Signed distances (..., k), and their gradients (..., k, 3) with respect to the points (..., 3)."""
+        flat, batch = _flat_points(points)
+        distance, gradient = np.empty((len(flat), len(self))), np.empty((len(flat), len(self), 3))
+        _kernels().all_distances(self.shapes, flat, distance, gradient)
+        return distance.reshape(*batch, len(self)), gradient.reshape(*batch, len(self), 3)
+
+    def distances_to(self, points: ArrayLike, which: ArrayLike) -> tuple[Array, Array]:
+        """Signed distances (p,) and gradients (p, 3) of points (p, 3), each to the piece whose number (p,) is beside it."""
+        flat, _ = _flat_points(points)
+        index = np.asarray(which, dtype=np.int64)
+        if index.shape != (len(flat),) or np.any((index < 0) | (index >= len(self))):
+            raise InputError(
+                f"every point takes one piece from 0 to {len(self) - 1}",
+                where="which",
+                remedy="an array (p,)",
+            )
+        distance, gradient = np.empty(len(flat)), np.empty((len(flat), 3))
+        _kernels().pair_distances(self.shapes, flat, self._packed_at[index], distance, gradient)
+        return distance, gradient
+
+    def floor(self, points: ArrayLike) -> Array:
+        """A lower bound (...) on the signed distance of points (..., 3) to the nearest piece, exact inside.
+
+        Only outside of hulls is it not exact: there it is the largest distance from a facet's plane.
+        """
+        flat, batch = _flat_points(points)
+        distance = np.empty(len(flat))
+        _kernels().floor_distances(self.shapes, flat, distance)
+        return distance.reshape(batch)
+
+    def nearest(self, points: ArrayLike) -> tuple[Array, Array, NDArray[np.int64]]:
+        """Signed distance (...) of points (..., 3) to the nearest piece, its gradient (..., 3), and the piece (...).
+
+        The same as the smallest of `distances_and_gradients`, but pieces that can't be the nearest are passed over.
+        Without pieces: inf, zeros and -1.
+        """
+        flat, batch = _flat_points(points)
+        distance, gradient = np.empty(len(flat)), np.empty((len(flat), 3))
+        index = np.empty(len(flat), dtype=np.int64)
+        _kernels().nearest_distances(self.shapes, flat, distance, gradient, index)
+        return distance.reshape(batch), gradient.reshape(*batch, 3), index.reshape(batch)
+
+
+@functools.cache
+def _kernels() -> Any:
+    """Compiled kernels, imported on first use: numba takes half a second."""
+    return importlib.import_module("workcell.geometry.kernels.shapes")
+
+
+def _flat_points(points: ArrayLike) -> tuple[Array, tuple[int, ...]]:
+    """Points (p, 3) as the kernels take them (writable, without gaps), and the shape they had before."""
+    x = np.asarray(points, dtype=float)
+    if x.ndim == 0 or x.shape[-1] != 3:
+        raise InputError(f"points of shape {x.shape}", where="points", remedy="an array (..., 3)")
+    if not np.isfinite(x).all():
+        raise InputError("points that are not finite have no distance", where="points")
+    flat = np.ascontiguousarray(x.reshape(-1, 3))
+    return flat if flat.flags.writeable else flat.copy(), x.shape[:-1]

@@ -221,6 +221,12 @@ def _add_running(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="solver of the configurations and the path (default: ikspark)",
     )
     run.add_argument(
+        "--controller",
+        default="computed_torque",
+        metavar="NAME",
+        help="what drives the motors: computed_torque (default) or servo, a joint servo with feed-forward",
+    )
+    run.add_argument(
         "--out", metavar="DIR", help="folder of the recording and the summary (default: runs/TASK)"
     )
     _seed_option(run)

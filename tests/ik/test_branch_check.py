@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.ik.test_branch import BUDGET, elbow_problem, ur_like, wall
-from workcell.bench.branch import planted_problem, random_chain, surround
+from workcell.bench.planting import planted_problem, random_chain, surround
 from workcell.ik.branch import solve_branch
 from workcell.ik.branch_check import check_branch, seal, statement
 from workcell.ik.certificate import Certificate
@@ -127,11 +127,11 @@ def test_checker_never_excludes_a_planted_solution() -> None:
 
 
 def test_kinematics_of_checker_agree_with_the_judge() -> None:
-    from workcell.ik.branch_check import _zero_links
+    from workcell.ik.branch_proof.setup import zero_links
 
     robot = ur_like()
     rotation, position = ExactKinematics(robot).links(np.zeros(6))
-    mine = _zero_links(IKProblem(robot, Pose.identity()))
+    mine = zero_links(robot)
     assert np.allclose(mine[0], rotation, atol=1e-14)
     assert np.allclose(mine[1], position, atol=1e-14)
 

@@ -75,7 +75,7 @@ class _Search:
 
         chain, world, root = self.arrays.chain, self.arrays.world, self.arrays.root
         joints = root.shape[1]
-        state, sweep = new_state(joints), new_sweep(joints)
+        state, sweep = new_state(chain), new_sweep(joints)
         tree = search.Tree(
             np.zeros((1024, 2, joints)), np.zeros((4096, 4)), np.zeros(8, dtype=np.int64), np.zeros(joints)
         )
@@ -88,7 +88,7 @@ class _Search:
         while True:
             outcome = search.run(chain, world, root, state, sweep, tree, reached, _CHUNK)
             if outcome == search.FOUND:
-                q = self._accept(tree.found[1:-1])
+                q = self._accept(tree.found[1 : 1 + self.problem.robot.dof])
                 if q is not None:
                     return Candidate(q=q, stats=self._stats(tree), rejected=tuple(self.rejected))
             elif outcome == search.DONE:
@@ -119,12 +119,12 @@ class _Search:
         return None
 
     def _stats(self, tree: Any) -> dict[str, float]:
-        names = ("boxes_left", "nodes", "kinematic_leaves", "obstacle_leaves", "given_up", "local_searches")
+        names = ("boxes_left", "nodes", "kinematic_leaves", "collision_leaves", "given_up", "local_searches")
         return {name: float(tree.counts[k]) for k, name in enumerate(names)}
 
     def _certificate(self, tree: Any) -> Certificate:
         nodes = tree.nodes[: tree.counts[1]]
-        blocked = nodes[:, 0] == -2
+        blocked = (nodes[:, 0] == -2) | (nodes[:, 0] == -3)
         problem = self.problem
         clearance = problem.tolerances.safety_margin
         if np.any(blocked):
@@ -132,7 +132,7 @@ class _Search:
         data = {
             "tree": nodes[:, 0],
             "splits": nodes[nodes[:, 0] >= 0, 1],
-            "blocked": np.stack([self.arrays.sphere_order[nodes[blocked, 1].astype(int)], nodes[blocked, 2]]),
+            "blocked": self._pairs(nodes[blocked]),
             "root": self.arrays.root[:, 1:-1],
             "inflation": np.array(inflation(problem)),
             "clearance": np.array([clearance]),
@@ -147,6 +147,15 @@ class _Search:
             data=data,
         )
 
+    def _pairs(self, leaves: Array) -> Array:
+        """(2, ...) sphere and obstacle of leaves (..., 4), or two spheres, as the problem counts them."""
+        order = self.arrays.sphere_order
+        if not len(leaves):
+            return np.zeros((2, 0))
+        one, two = leaves[:, 1].astype(int), leaves[:, 2].astype(int)
+        own = leaves[:, 0] == -3
+        return np.stack([order[one], np.where(own, order[np.where(own, two, 0)], two)]).astype(float)
+
 
 def certificate_scope(problem: IKProblem, obstacles_used: bool) -> Scope:
     """What a proof is about: see `workcell.ik.certificate.Scope`."""
@@ -157,17 +166,8 @@ def certificate_scope(problem: IKProblem, obstacles_used: bool) -> Scope:
 
 
 def _refuse(problem: IKProblem) -> None:
-    robot = problem.robot
-    for k in np.flatnonzero(robot.prismatic):
-        raise InputError(
-            f"joint {robot.joint_names[k]!r} is prismatic",
-            where=robot.name,
-            remedy="branch and bound takes revolute joints; try another solver",
-        )
     if problem.max_link_rotation is not None:
         raise InputError("branch and bound doesn't know this bound", where="max_link_rotation", remedy="None")
-    if robot.tool().link != robot.dof:
-        raise InputError("the tool must sit on the last link", where="robot", remedy="pass robot.chain(tool)")
     if problem.cover is not None:
         for piece in problem.obstacles:
             if piece.kind not in KINDS:

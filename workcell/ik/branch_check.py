@@ -6,10 +6,12 @@ the tree says, lower half first, and proves every leaf (subdividing where it mus
 What is in `data`:
 
     tree        (nodes,)    joint to split, from 0; or -1: no configuration of the box closes the chain;
-                            or -2: in all of it a sphere collides with an obstacle
+                            or -2: in all of it a sphere collides with an obstacle;
+                            or -3: in all of it two spheres of the robot collide
     splits      (inner,)    where
-    blocked     (2, ...)    sphere and obstacle of every -2
-    root        (2, n)      the box of all configurations
+    blocked     (2, ...)    sphere and obstacle of every -2, the two spheres of every -3
+    root        (2, n)      the box of all configurations, of the robot's joints and those of the target (three turns
+                            about the tool's x, y and z where only its position counts, one about z where its axis does)
     inflation   (2,)        departure from the target (m, rad) that the proof covers
     clearance   (1,)        no configuration keeps this clearance (m)
     seal        (8,)        SHA-256 of all that, in words of 32 bits: detects damage, not fraud
@@ -23,11 +25,9 @@ from typing import Any
 
 import numpy as np
 
-from workcell.geometry.types import Piece
 from workcell.ik.certificate import Certificate, problem_hash
 from workcell.ik.problem import IKProblem
-from workcell.model.robot import LIMIT_SLACK
-from workcell.pose import Array, quat_to_matrix
+from workcell.pose import Array
 
 LEAST_INFLATION = (1e-4, 1e-3)
 """Metres and radians that a proof must cover at least."""
@@ -37,7 +37,6 @@ LONGEST = 50.0
 """Metres within which the rounding slack of the checker is justified."""
 MOST_NODES = 5_000_000
 _FIELDS = {"tree": 1, "splits": 1, "blocked": 2, "root": 2, "inflation": 1, "clearance": 1}
-_KINDS = {"box": 0, "sphere": 1, "capsule": 2, "cylinder": 3, "halfspace": 4, "hull": 5}
 _OUTCOMES = {
     1: "the tree ends too early",
     2: "the tree goes on after its last leaf",
@@ -55,14 +54,22 @@ def check_branch(problem: IKProblem, certificate: Certificate) -> str | None:
         return f"a proof of kind {certificate.kind!r} is not a tree of boxes"
     if certificate.problem_hash != problem_hash(problem):
         return "the certificate belongs to another problem"
+    from workcell.ik.branch_proof.setup import KINDS, longest
+
     data = certificate.data
     refusal = _check_form(data) or _check_claim(problem, certificate) or _check_root(problem, data["root"])
     if refusal is not None:
         return refusal
-    longest = _longest(problem)
-    if longest > LONGEST:
-        return f"the robot or its surroundings reach {longest:.3g} m; the checker's rounding is proved up to {LONGEST:g}"
-    return _walk(problem, data, longest)
+    refusal = _check_pairs(problem, data)
+    if refusal is not None:
+        return refusal
+    for piece in problem.obstacles if data["blocked"].shape[1] else ():
+        if piece.kind not in KINDS:
+            return f"the checker doesn't know pieces of kind {piece.kind!r}"
+    length = longest(problem)
+    if length > LONGEST:
+        return f"the robot or its surroundings reach {length:.3g} m; the checker's rounding is proved up to {LONGEST:g}"
+    return _walk(problem, data, length)
 
 
 def seal(data: Mapping[str, Any]) -> Array:
@@ -100,7 +107,7 @@ def _check_form(data: Mapping[str, Array]) -> str | None:
     inner = int(np.count_nonzero(tree >= 0))
     if len(data["splits"]) != inner or len(tree) != 2 * inner + 1:
         return "the numbers of nodes, splits and leaves don't fit together"
-    if blocked.shape[0] != 2 or blocked.shape[1] != np.count_nonzero(tree == -2) or np.any(blocked % 1):
+    if blocked.shape[0] != 2 or blocked.shape[1] != np.count_nonzero(tree <= -2) or np.any(blocked % 1):
         return "the pairs of spheres and obstacles don't fit the leaves"
     if "seal" not in data or not np.array_equal(data["seal"], seal(data)):
         return "the proof's numbers have been changed since it was made"
@@ -135,138 +142,46 @@ def _scope(problem: IKProblem, obstacles_used: bool) -> str:
 
 
 def _check_root(problem: IKProblem, root: Array) -> str | None:
-    robot = problem.robot
-    if root.shape != (2, robot.dof):
+    from workcell.ik.branch_proof.setup import admissible
+
+    lower, upper, periodic = admissible(problem)
+    if root.shape != (2, len(lower)):
         return "the box of all configurations has the wrong shape"
-    if np.any(robot.prismatic):
-        return "the robot has a prismatic joint"
-    lower, upper = robot.lower - LIMIT_SLACK, robot.upper + LIMIT_SLACK
-    if problem.q_reference is not None and problem.max_step is not None:
-        step = np.asarray(problem.max_step) + LIMIT_SLACK
-        lower = np.maximum(lower, problem.q_reference - step)
-        upper = np.minimum(upper, problem.q_reference + step)
-    covered = ((root[0] <= lower) & (root[1] >= upper)) | (root[1] - root[0] >= 2 * np.pi)
+    covered = ((root[0] <= lower) & (root[1] >= upper)) | (periodic & (root[1] - root[0] >= 2 * np.pi))
     if not np.all(covered) or np.any(np.abs(root) > 100.0):
         k = int(np.argmin(covered))
-        return f"the boxes leave out a part of joint {robot.joint_names[k]!r}"
+        names = problem.robot.joint_names
+        return f"the boxes leave out a part of {f'joint {names[k]!r}' if k < len(names) else 'the rotations of the target'}"
     return None
 
 
-def _walk(problem: IKProblem, data: Mapping[str, Array], longest: float) -> str | None:
-    from workcell.ik.branch_proof.closure import Robot, new_box
-    from workcell.ik.branch_proof.obstacles import Scene
-    from workcell.ik.branch_proof.vectors import EPS
+def _check_pairs(problem: IKProblem, data: Mapping[str, Array]) -> str | None:
+    """Whether the pairs of spheres that the proof uses are among those that must keep clear."""
+    own = data["blocked"][:, data["tree"][data["tree"] <= -2] == -3].astype(int)
+    pairs = np.zeros((0, 2)) if problem.self_collision is None else problem.self_collision
+    known = {frozenset(pair) for pair in pairs.tolist()}
+    for one, two in set(zip(*own.tolist(), strict=True)):
+        if frozenset((one, two)) not in known:
+            return f"the spheres {one} and {two} may touch"
+    return None
+
+
+def _walk(problem: IKProblem, data: Mapping[str, Array], length: float) -> str | None:
+    from workcell.ik.branch_proof.closure import new_box
+    from workcell.ik.branch_proof.setup import proof_robot, proof_scene
     from workcell.ik.branch_proof.walk import walk
 
-    for piece in problem.obstacles:
-        if piece.kind not in _KINDS:
-            return f"the checker doesn't know pieces of kind {piece.kind!r}"
-    rotation, position = _zero_links(problem)
-    lines, goal = _lines_and_goal(problem, rotation, position)
-    ball = np.array([*data["inflation"], *problem.target.position])
-    robot = Robot(lines, goal, ball, np.array([EPS * max(1.0, longest)]))
     used = data["blocked"].shape[1] > 0
-    scene = Scene(*_scene(problem, rotation, position, used))
-    root = np.pad(data["root"], ((0, 0), (1, 1)))
+    robot = proof_robot(problem, data["inflation"], length)
+    try:
+        scene = proof_scene(problem, used)
+    except ValueError as error:
+        return str(error)
+    root = np.zeros((2, data["root"].shape[1] + 2))
+    root[:, 1:-1] = data["root"]
     tree = np.array(data["tree"])
     spare = 10 * len(tree) + 1000
     arrays = (np.array(data["splits"]), np.array(data["blocked"]))
     box = new_box(root.shape[1])
     outcome, node = walk(robot, scene, root, tree, *arrays, float(data["clearance"][0]), spare, box)
     return None if outcome == 0 else f"{_OUTCOMES[outcome]} (node {node} of {len(tree)})"
-
-
-def _zero_links(problem: IKProblem) -> tuple[Array, Array]:
-    """Rotations (n + 1, 3, 3) and positions (n + 1, 3) of the links in the world, all joints at zero."""
-    robot = problem.robot
-    rotation, position = (
-        [problem.robot.T_world_base.rotation],
-        [np.array(problem.robot.T_world_base.position)],
-    )
-    for k in range(robot.dof):
-        position.append(position[-1] + rotation[-1] @ robot.joint_xyz[k])
-        rotation.append(rotation[-1] @ robot.joint_rotation[k])
-    return np.array(rotation), np.array(position)
-
-
-def _lines_and_goal(problem: IKProblem, rotation: Array, position: Array) -> tuple[Array, Array]:
-    """The joints' lines in the zero configuration, one fixed line at either end, and the tool's motion to the target."""
-    robot, frame = problem.robot, problem.robot.tool()
-    tool = rotation[-1] @ frame.T_link_tool.rotation
-    tip = position[-1] + rotation[-1] @ frame.T_link_tool.position
-    turned = problem.target.rotation @ tool.T
-    goal = np.concatenate([turned.ravel(), problem.target.position - turned @ tip])
-    z = np.einsum("kij,kj->ki", rotation[1:], robot.axis)
-    z /= np.linalg.norm(z, axis=1, keepdims=True)
-    o = position[1:]
-    first, last = _beside(z[0], o[0], position[0]), _beside(z[-1], o[-1], tip)
-    z, o = np.vstack([first[0], z, last[0]]), np.vstack([first[1], o, last[1]])
-    near, far = o.copy(), o.copy()
-    for k in range(len(z) - 1):
-        far[k], near[k + 1] = _closest(z[k], o[k], z[k + 1], o[k + 1])
-    return np.hstack([z, near, far]), goal
-
-
-def _beside(z: Array, o: Array, height: Array) -> tuple[Array, Array]:
-    """(direction, point) of a line across the axis (z, o) and a lever away from it, at the height of a point."""
-    across = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
-    across /= np.linalg.norm(across)
-    return np.cross(z, across), o + z * (z @ (height - o)) + 0.25 * across
-
-
-def _closest(z: Array, o: Array, y: Array, p: Array) -> tuple[Array, Array]:
-    """The points of two lines (direction, point) that are nearest each other; any pair of such if they are parallel."""
-    normal = np.cross(z, y)
-    square = normal @ normal
-    if square < 1e-12:
-        return o + z * (z @ (p - o)), p
-    s = np.cross(p - o, y) @ normal / square
-    t = np.cross(p - o, z) @ normal / square
-    return o + s * z, p + t * y
-
-
-def _scene(problem: IKProblem, rotation: Array, position: Array, used: bool) -> tuple[Array, Array, Array]:
-    spheres, rows, triangles = np.zeros((0, 5)), [], [np.zeros((0, 9))]
-    if used and problem.cover is not None:
-        cover = problem.cover
-        centres = np.einsum("mij,mj->mi", rotation[cover.link], cover.centre) + position[cover.link]
-        spheres = np.column_stack([cover.link, centres, cover.radius])
-        count = 0
-        rotations = quat_to_matrix(np.array([piece.pose.quat_wxyz for piece in problem.obstacles]))
-        for piece, R in zip(problem.obstacles, rotations, strict=True):
-            faces = _faces(piece)
-            size = [*piece.size.tolist(), 0.0, 0.0, 0.0][:3]
-            where = [*R.ravel().tolist(), *piece.pose.position.tolist(), *size, count, count + len(faces)]
-            rows.append([_KINDS[piece.kind], *where])
-            triangles.append(faces)
-            count += len(faces)
-    return spheres, np.array(rows, dtype=float).reshape(-1, 18), np.concatenate(triangles)
-
-
-def _faces(piece: Piece) -> Array:
-    """Triangles (f, 9) of a hull in its frame, wound so that their normals point outwards."""
-    if piece.vertices is None:
-        return np.zeros((0, 9))
-    from scipy.spatial import ConvexHull
-
-    corners = piece.vertices[ConvexHull(piece.vertices).simplices]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inwards = np.einsum("fi,fi->f", normal, corners[:, 0] - piece.vertices.mean(axis=0)) < 0
-    corners[inwards] = corners[inwards][:, ::-1]
-    return np.asarray(corners).reshape(-1, 9)
-
-
-def _longest(problem: IKProblem) -> float:
-    """An upper bound in metres on the distances that occur."""
-    robot = problem.robot
-    base = robot.T_world_base.position
-    reach = float(
-        np.linalg.norm(robot.joint_xyz, axis=1).sum() + np.linalg.norm(robot.tool().T_link_tool.position)
-    )
-    lengths = [reach, float(np.linalg.norm(problem.target.position)), float(np.linalg.norm(base))]
-    for piece in problem.obstacles if problem.cover is not None else ():
-        size = piece.size.max(initial=0.0) + (0.0 if piece.vertices is None else np.abs(piece.vertices).max())
-        lengths.append(float(np.linalg.norm(piece.pose.position) + size))
-    if problem.cover is not None and len(problem.cover):
-        lengths.append(float(np.abs(problem.cover.centre).max() + problem.cover.radius.max()))
-    return max(lengths)

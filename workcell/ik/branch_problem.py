@@ -2,38 +2,25 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.geometry.types import Piece
+from workcell.geometry.types import Piece, SphereCover
+from workcell.ik.branch_chain import Kinematics, joint_box, kinematics
 from workcell.ik.problem import IKProblem
-from workcell.model.robot import LIMIT_SLACK
 from workcell.pose import Array, quat_to_matrix
+from workcell.remember import ByIdentity
 
 OVERLAP = 1e-5
 """Metres: "no" is proved for a clearance of c + OVERLAP at most, "yes" shown for c. Without it gaps that are just too
 narrow leave thousands of tiny boxes."""
 INFLATION = (1e-4, 1e-3)
 """Metres and radians of departure from the target that every proof covers at least."""
-_LEVER = 0.3
+_placed = ByIdentity()
 KINDS = {"box": 0, "sphere": 1, "capsule": 2, "cylinder": 3, "halfspace": 4, "hull": 5}
-
-
-def joint_box(problem: IKProblem) -> tuple[Array, Array]:
-    """The box (n,), (n,) of all admissible configurations, with `LIMIT_SLACK`; a joint that can turn fully has one turn."""
-    lower, upper = problem.robot.lower - LIMIT_SLACK, problem.robot.upper + LIMIT_SLACK
-    if problem.q_reference is not None and problem.max_step is not None:
-        step = np.asarray(problem.max_step) + LIMIT_SLACK
-        lower = np.maximum(lower, problem.q_reference - step)
-        upper = np.minimum(upper, problem.q_reference + step)
-    turn = 2 * np.pi + 1e-9
-    middle = 0.5 * (lower + upper)
-    wide = upper - lower > turn
-    return np.where(wide, middle - turn / 2, lower), np.where(wide, middle + turn / 2, upper)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,117 +44,50 @@ def problem_arrays(problem: IKProblem) -> Arrays:
     from workcell.ik.branch_kernels.state import Chain
     from workcell.ik.branch_kernels.world import World
 
-    robot = problem.robot
-    tool = robot.tool().T_link_tool.matrix
-    key = (robot.joint_xyz, robot.joint_rotation, robot.axis, tool)
-    turned, frames, feet, bands, T_tool_end = _kinematics(*(values.tobytes() for values in key))
+    robot = kinematics(problem.robot, problem.goal)
     target = problem.T_base_tool.matrix
-    goal = target @ T_tool_end
-    ball = np.array([*inflation(problem), *target[:3, 3]])
-    chain = Chain(_rows(frames), feet, bands, _rows(goal[None])[0], ball)
-    order, spheres = _spheres(problem, turned, frames[0])
+    goal = target @ robot.T_tool_end
+    chain = Chain(
+        fixed=robot.fixed,
+        feet=robot.feet,
+        slides=robot.slides,
+        around=robot.around,
+        weights=robot.weights,
+        middle=robot.middle,
+        turns=problem.goal != "position",
+        goal=np.concatenate([goal[:3, :3].ravel(), goal[:3, 3]]),
+        ball=np.array([*inflation(problem), *target[:3, 3]]),
+    )
+    order, spheres = _spheres(problem, robot)
     lower, upper = joint_box(problem)
-    root = np.array([[0.0, *lower, 0.0], [0.0, *upper, 0.0]])
+    root = np.zeros((2, len(lower) + 2))
+    root[0, 1:-1], root[1, 1:-1] = lower, upper
     obstacles, vertices, planes = _obstacles(problem)
     margin = np.array([problem.tolerances.safety_margin, OVERLAP])
-    return Arrays(chain, World(spheres, obstacles, vertices, planes, margin), root, order)
+    pairs = _pairs(problem, order, spheres)
+    return Arrays(chain, World(spheres, obstacles, vertices, planes, pairs, margin), root, order)
 
 
-@functools.lru_cache(maxsize=64)
-def _kinematics(
-    xyz: bytes, rotation: bytes, axes: bytes, tool: bytes
-) -> tuple[Array, Array, Array, Array, Array]:
-    """What depends on the robot alone: rotations that turn axes into z, frames, feet, bands, last frame in the tool's."""
-    joint_xyz, joint_rotation = np.frombuffer(xyz).reshape(-1, 3), np.frombuffer(rotation).reshape(-1, 3, 3)
-    turned = np.array([_frame_with_z(axis) for axis in np.frombuffer(axes).reshape(-1, 3)])
-    fixed: list[Array] = []
-    base = _line_beside(np.eye(4), _transform(joint_rotation[0] @ turned[0], joint_xyz[0]))
-    before = np.linalg.inv(base)
-    for k in range(len(turned)):
-        fixed.append(before @ _transform(joint_rotation[k] @ turned[k], joint_xyz[k]))
-        before = _transform(turned[k].T, np.zeros(3))
-    T_last_tool = before @ np.frombuffer(tool).reshape(4, 4)
-    end = _line_beside(T_last_tool, np.eye(4))
-    frames = np.array([base, *fixed, end])
-    feet = _feet(frames)
-    return turned, frames, feet, _bands(frames, feet), np.linalg.inv(T_last_tool) @ end
+def _pairs(problem: IKProblem, order: NDArray[np.int64], spheres: Array) -> NDArray[np.int64]:
+    """Pairs of rows of `spheres` that must keep clear of each other, the one nearer to the base first."""
+    if problem.self_collision is None or not len(problem.self_collision):
+        return np.zeros((0, 2), dtype=np.int64)
+    pairs = np.argsort(order)[problem.self_collision]
+    backwards = spheres[pairs[:, 0], 0] > spheres[pairs[:, 1], 0]
+    return np.where(backwards[:, None], pairs[:, ::-1], pairs)
 
 
-def _transform(R: Array, p: Array) -> Array:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, p
-    return T
-
-
-def _rows(T: Array) -> Array:
-    return np.ascontiguousarray(np.concatenate([T[:, :3, :3].reshape(-1, 9), T[:, :3, 3]], axis=1))
-
-
-def _frame_with_z(axis: Array) -> Array:
-    """A rotation whose third column is `axis`."""
-    z = axis / np.linalg.norm(axis)
-    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z], axis=1)
-
-
-def _line_beside(T_frame: Array, T_joint: Array) -> Array:
-    """A frame whose z axis is a line at right angles to a joint's axis and beside it: what fixes the joint's angle.
-
-    It passes at the height of `T_frame`'s origin; both transforms are in the frame of the result.
-    """
-    R = T_joint[:3, :3]
-    along = R[:, 2] @ (T_frame[:3, 3] - T_joint[:3, 3])
-    line = np.stack([R[:, 2], R[:, 0], R[:, 1]], axis=1)
-    return _transform(line, T_joint[:3, 3] + along * R[:, 2] + _LEVER * R[:, 0])
-
-
-def _feet(frames: Array) -> Array:
-    """(N, 2) where along its axis each joint is nearest to the axis before it, and after it."""
-    feet = np.zeros((len(frames), 2))
-    for k in range(1, len(frames)):
-        p, z = frames[k][:3, 3], frames[k][:3, 2]
-        across = z[0] ** 2 + z[1] ** 2
-        if across > 1e-12:
-            feet[k, 0] = -(p[0] * z[0] + p[1] * z[1]) / across
-            feet[k - 1, 1] = p[2] + feet[k, 0] * z[2]
-        else:
-            feet[k - 1, 1] = p[2]
-    feet[0, 0], feet[-1, 1] = feet[0, 1], feet[-1, 0]
-    return feet
-
-
-def _bands(frames: Array, feet: Array) -> Array:
-    """(2, N, 4, 3) coefficients of the invariants about each joint, for both views (see `branch_kernels.invariants`)."""
-    count = len(frames)
-    bands = np.zeros((2, count, 4, 3))
-    for i in range(1, count - 1):
-        back = np.linalg.inv(frames[i])
-        y = (back @ np.array([0.0, 0.0, feet[i - 1, 0], 1.0]))[:3]
-        zy = back[:3, 2]
-        zx = frames[i + 1][:3, 2]
-        x = frames[i + 1][:3, 3] + feet[i + 1, 1] * zx
-        distance = -2 * _turning(y, x) + np.array([x @ x + y @ y, 0.0, 0.0])
-        near = _turning(zy, x) - np.array([zy @ y, 0.0, 0.0])
-        far = np.array([zx @ x, 0.0, 0.0]) - _turning(y, zx)
-        between = _turning(zy, zx)
-        bands[0, i] = distance, near, far, between
-        bands[1, count - 1 - i] = distance, -far, -near, between
-    return bands
-
-
-def _turning(u: Array, v: Array) -> Array:
-    """(a, b, c) of u . Rz(t) v = a + b cos t + c sin t."""
-    return np.array([u[2] * v[2], u[0] * v[0] + u[1] * v[1], u[1] * v[0] - u[0] * v[1]])
-
-
-def _spheres(problem: IKProblem, turned: Array, base: Array) -> tuple[NDArray[np.int64], Array]:
+def _spheres(problem: IKProblem, robot: Kinematics) -> tuple[NDArray[np.int64], Array]:
     """Spheres in the kernels' frames, the largest of each link first, from the tool to the base; and their order."""
     cover = problem.cover
-    if cover is None or not len(cover) or not problem.obstacles:
+    if cover is None or not len(cover) or not (problem.obstacles or problem.self_collision is not None):
         return np.zeros(0, dtype=np.int64), np.zeros((0, 5))
-    back = np.linalg.inv(base)
-    into = np.concatenate([back[None, :3, :3], np.swapaxes(turned, 1, 2)])[cover.link]
+    return _placed.get((robot, cover), lambda: _place(robot, cover))
+
+
+def _place(robot: Kinematics, cover: SphereCover) -> tuple[NDArray[np.int64], Array]:
+    back = np.linalg.inv(robot.base)
+    into = np.concatenate([back[None, :3, :3], np.swapaxes(robot.turned, 1, 2)])[cover.link]
     centres = np.einsum("mij,mj->mi", into, cover.centre)
     centres[cover.link == 0] += back[:3, 3]
     order = np.lexsort((-cover.radius, -cover.link))

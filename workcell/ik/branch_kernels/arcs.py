@@ -54,6 +54,43 @@ def clip_to_band(
 
 
 @kernel
+def clip_to_parabola(
+    a: float, b: float, c: float, low: float, high: float, lower: float, upper: float
+) -> tuple[float, float]:
+    """Hull of {t in [lower, upper]: low <= a + b t + c t^2 <= high} for c = 0 or 1; lower > upper where it is empty."""
+    slack = SLACK * (1.0 + abs(a) + b * b)
+    low, high = low - a - slack, high - a + slack
+    if c == 0.0:
+        if abs(b) < 1e-9:
+            reach = abs(b) * max(abs(lower), abs(upper))
+            return (lower, upper) if low <= reach and high >= -reach else (1.0, -1.0)
+        one, two = low / b, high / b
+        return max(lower, min(one, two)), min(upper, max(one, two))
+    foot = -0.5 * b
+    low, high = low + foot * foot, high + foot * foot
+    if high < 0.0:
+        return 1.0, -1.0
+    outer, inner = np.sqrt(high), np.sqrt(max(low, 0.0))
+    first, last = max(lower, foot - outer), min(upper, foot + outer)
+    if first > foot - inner:
+        first = max(first, foot + inner)
+    if last < foot + inner:
+        last = min(last, foot - inner)
+    return first, last
+
+
+@kernel
+def range_of_parabola(a: float, b: float, c: float, lower: float, upper: float) -> tuple[float, float]:
+    """Smallest and largest a + b t + c t^2 for t in [lower, upper], c = 0 or 1."""
+    one, two = a + lower * (b + c * lower), a + upper * (b + c * upper)
+    low, high = min(one, two), max(one, two)
+    if c > 0.0 and lower < -0.5 * b < upper:
+        low = a - 0.25 * b * b
+    slack = SLACK * (1.0 + abs(a) + b * b + max(abs(one), abs(two)))
+    return low - slack, high + slack
+
+
+@kernel
 def range_of_band(a: float, b: float, c: float, lower: float, upper: float) -> tuple[float, float]:
     """Smallest and largest a + b cos t + c sin t for t in [lower, upper]."""
     amplitude = np.sqrt(b * b + c * c)

@@ -6,7 +6,13 @@ With p a point and R the rotation of the middle link, seen from the base and fro
 
 D = R_target R_base^T. Expanded in the departures d_j this is J d = rhs + remainder: second order by components (a
 square d_j^2 lies in [0, h_j^2], so half of it moves the right side), third order by Taylor's integral form, and for
-rotations only the skew part counts, where squares cancel when D is the identity. Elimination with full pivoting, in
+rotations only the skew part counts, where squares cancel when D is the identity.
+
+The third order of a point: E_1 ... E_m p - p is the sum over j of g_j = E_1 ... E_{j-1} (E_j - I) p. With joint k turning
+by t h_k, t from 0 to 1, s = h_1 + ... + h_{j-1} and l the length of z_j x (p - o_j), the third derivative of g_j by t is at
+most 3 s^2 h l + 3 s h^2 l + h^3 l from the terms in which E_j is differentiated, and s^3 |(E_j - I) p| <= s^3 t h l from the
+one in which it isn't. Under (1 - t)^2 / 2 these integrate to ((s + h)^3 - s^3) l / 6 + s^3 h l / 24. Where j slides only the
+first and the last remain, with l = 1, and j doesn't add to s. Elimination with full pivoting, in
 units of the box and of the remainders, leaves the joints that can't be told apart (one for seven joints) on the right:
 every other joint follows them like a tube.
 
@@ -18,7 +24,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from workcell.ik.branch_kernels.motion import distance_to_line
+from workcell.ik.branch_kernels.motion import arm
 from workcell.ik.branch_kernels.state import SLACK, Chain, State, inner, kernel, tighten
 from workcell.pose import Array
 
@@ -38,7 +44,9 @@ def contract_linear(chain: Chain, state: State) -> bool:
     joints = state.lower.shape[0]
     total = 0.0
     for k in range(1, joints - 1):
-        total += max(state.upper[k] - state.centre[k], state.centre[k] - state.lower[k])
+        # A joint whose axis goes through the only point that is known doesn't count.
+        if chain.slides[k] == 0.0 and (chain.turns or k < chain.middle):
+            total += max(state.upper[k] - state.centre[k], state.centre[k] - state.lower[k])
     if total > WIDEST:
         return True
     n = joints - 2
@@ -47,8 +55,7 @@ def contract_linear(chain: Chain, state: State) -> bool:
     half = np.empty(n)
     for k in range(n):
         half[k] = max(state.upper[k + 1] - state.centre[k + 1], state.centre[k + 1] - state.lower[k + 1])
-    middle = (joints - 1) // 2
-    if not _assemble(chain, state, middle, half, rows, radius):
+    if not _assemble(chain, state, chain.middle, half, rows, radius):
         return True
     pivots = np.full(6, -1)
     eliminate(rows, radius, chain.ball, state.tangent[0, 9:12], half, pivots)
@@ -86,7 +93,7 @@ def _assemble(chain: Chain, state: State, middle: int, half: Array, rows: Array,
                 far[3 * a] * near[3 * b] + far[3 * a + 1] * near[3 * b + 1] + far[3 * a + 2] * near[3 * b + 2]
             )
         trace += D[a, a]
-    if trace < 1.0:
+    if trace < 1.0 and chain.turns:
         return False
     skew = np.array([0.5 * (D[2, 1] - D[1, 2]), 0.5 * (D[0, 2] - D[2, 0]), 0.5 * (D[1, 0] - D[0, 1])])
     for a in range(3):
@@ -102,11 +109,13 @@ def _assemble(chain: Chain, state: State, middle: int, half: Array, rows: Array,
     length = np.sqrt(lever[0] ** 2 + lever[1] ** 2 + lever[2] ** 2)
     turned, moved = np.sqrt(max(3.0 - trace, 0.0)), 0.0
     for back in range(1, n + 1 - middle):
-        turned += half[n - back]
-        moved += half[n - back] * distance_to_line(t[0], t[1], t[2], state.lines[1, back])
+        turned += half[n - back] * (1.0 - state.lines[1, back, 9])
+        moved += half[n - back] * arm(t[0], t[1], t[2], state.lines[1, back])
     for a in range(3):
         radius[a] += chain.ball[1] * (moved + chain.ball[1] * length)
         radius[3 + a] += chain.ball[1] * (2.0 * turned + chain.ball[1])
+    if not chain.turns:
+        rows[3:, :], radius[3:] = 0.0, 0.0
     return True
 
 
@@ -118,15 +127,21 @@ def _near_side(lines: Array, p: Array, middle: int, half: Array, rows: Array, ra
     outer, cubic = 0.0, 0.0
     for j in range(1, middle + 1):
         z, h = lines[j], half[j - 1]
-        _cross(z, p[0] - z[3], p[1] - z[4], p[2] - z[5], moment)
-        length = np.sqrt(moment[0] ** 2 + moment[1] ** 2 + moment[2] ** 2)
-        cubic += ((outer + h) ** 3 - outer**3) * length
-        outer += h
+        if z[9] > 0.0:
+            moment[:] = z[:3]
+            cubic += (3.0 + 0.25 * outer) * outer**2 * h
+        else:
+            _cross(z, p[0] - z[3], p[1] - z[4], p[2] - z[5], moment)
+            length = np.sqrt(moment[0] ** 2 + moment[1] ** 2 + moment[2] ** 2)
+            cubic += ((outer + h) ** 3 - outer**3 + 0.25 * outer**3 * h) * length
+            outer += h
         for a in range(3):
             rows[a, j - 1] = moment[a]
-            rows[3 + a, j - 1] = z[a]
+            rows[3 + a, j - 1] = 0.0 if z[9] > 0.0 else z[a]
         for i in range(1, j + 1):
             y, scale = lines[i], half[i - 1] * h
+            if y[9] > 0.0:
+                continue
             cx = y[1] * moment[2] - y[2] * moment[1]
             cy = y[2] * moment[0] - y[0] * moment[2]
             cz = y[0] * moment[1] - y[1] * moment[0]
@@ -135,7 +150,7 @@ def _near_side(lines: Array, p: Array, middle: int, half: Array, rows: Array, ra
                 rows[0, n + 6] -= scale * cx
                 rows[1, n + 6] -= scale * cy
                 rows[2, n + 6] -= scale * cz
-            else:
+            elif z[9] == 0.0:
                 radius[3] += 0.5 * scale * abs(y[1] * z[2] - y[2] * z[1])
                 radius[4] += 0.5 * scale * abs(y[2] * z[0] - y[0] * z[2])
                 radius[5] += 0.5 * scale * abs(y[0] * z[1] - y[1] * z[0])
@@ -160,15 +175,24 @@ def _far_side(
     outer, cubic = 0.0, 0.0
     for back in range(1, n + 1 - middle):
         z, h, column = lines[back], half[n - back], n - back
-        _cross(z, t[0] - z[3], t[1] - z[4], t[2] - z[5], moment)
-        length = np.sqrt(moment[0] ** 2 + moment[1] ** 2 + moment[2] ** 2)
-        cubic += ((outer + h) ** 3 - outer**3) * length
-        outer += h
+        slides = z[9] > 0.0
+        if slides:
+            moment[:] = z[:3]
+            cubic += (3.0 + 0.25 * outer) * outer**2 * h
+        else:
+            _cross(z, t[0] - z[3], t[1] - z[4], t[2] - z[5], moment)
+            length = np.sqrt(moment[0] ** 2 + moment[1] ** 2 + moment[2] ** 2)
+            cubic += ((outer + h) ** 3 - outer**3 + 0.25 * outer**3 * h) * length
+            outer += h
         for a in range(3):
             rows[a, column] = moment[a]
+            if slides:
+                continue
             rows[3 + a, column] = 0.5 * (trace * z[a] - D[a, 0] * z[0] - D[a, 1] * z[1] - D[a, 2] * z[2])
         for i in range(1, back + 1):
             y, scale = lines[i], half[n - i] * h
+            if y[9] > 0.0:
+                continue
             dot = y[0] * z[0] + y[1] * z[1] + y[2] * z[2]
             for a in range(3):
                 turned[a] = D[0, a] * y[0] + D[1, a] * y[1] + D[2, a] * y[2]
@@ -184,6 +208,8 @@ def _far_side(
             radius[0] += scale * abs(cx)
             radius[1] += scale * abs(cy)
             radius[2] += scale * abs(cz)
+            if slides:
+                continue
             for a in range(3):
                 bend = 0.5 * pair[a] - dot * skew[a]
                 if i == back:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from workcell.ik.branch_kernels.obstacles import sphere_centre
 from workcell.ik.branch_kernels.state import Chain, forward, inner
 from workcell.ik.branch_kernels.world import World, signed_distance
 from workcell.pose import Array
@@ -36,7 +37,7 @@ def search_from(
     best, damping = np.inf, 1e-4
     stiff = False
     for iteration in range(2 * iterations):
-        forward(chain.fixed, q, frames)
+        forward(chain, q, frames)
         away, turned = _pose_residual(chain, frames, error, J)
         if stiff:
             _forgive(error, away, turned, tolerance)
@@ -46,7 +47,7 @@ def search_from(
         _normal_equations(error, J, H, g)
         gap = np.inf
         if cost < _NEAR * _NEAR:
-            penalty, gap = _hinge(world, frames, _STIFF_WEIGHT if stiff else _HINGE_WEIGHT, H, g)
+            penalty, gap = _hinge(chain, world, frames, _STIFF_WEIGHT if stiff else _HINGE_WEIGHT, H, g)
             cost += penalty
             if away < tolerance[0] and turned < tolerance[1] and gap >= 0.0:
                 return True
@@ -106,9 +107,14 @@ def _pose_residual(chain: Chain, frames: Array, error: Array, J: Array) -> tuple
     turned = np.arctan2(sine, cosine)
     factor = ROTATION_WEIGHT * (turned / sine if sine > 1e-9 else 1.0)
     error[3], error[4], error[5] = factor * wx, factor * wy, factor * wz
+    if not chain.turns:
+        error[3:], turned = 0.0, 0.0
     for j in range(n):
         line = frames[j + 1]
         zx, zy, zz = line[2], line[5], line[8]
+        if chain.slides[j + 1] > 0.0:
+            J[0, j], J[1, j], J[2, j], J[3:, j] = zx, zy, zz, 0.0
+            continue
         u, v, w = point[0] - line[9], point[1] - line[10], point[2] - line[11]
         J[0, j], J[1, j], J[2, j] = zy * w - zz * v, zz * u - zx * w, zx * v - zy * u
         J[3, j], J[4, j], J[5, j] = ROTATION_WEIGHT * zx, ROTATION_WEIGHT * zy, ROTATION_WEIGHT * zz
@@ -139,20 +145,20 @@ def _normal_equations(error: Array, J: Array, H: Array, g: Array) -> None:
 
 
 @inner
-def _hinge(world: World, frames: Array, weight: float, H: Array, g: Array) -> tuple[float, float]:
-    """Add the hinge of every sphere too near an obstacle to H and g; (penalty, smallest clearance less the wanted)."""
-    n = frames.shape[0] - 2
-    gradient = np.empty(3)
-    row = np.empty(n)
+def _hinge(
+    chain: Chain, world: World, frames: Array, weight: float, H: Array, g: Array
+) -> tuple[float, float]:
+    """Add the hinge of every sphere too near an obstacle or another sphere to H and g.
+
+    Returns the penalty and the smallest clearance less the wanted one.
+    """
+    gradient, row = np.empty(3), np.empty(frames.shape[0] - 2)
     penalty, smallest = 0.0, np.inf
     margin = world.clearance[0] + _HINGE_MARGIN
     for s in range(world.spheres.shape[0]):
         sphere = world.spheres[s]
         k = int(sphere[0])
-        F = frames[k]
-        x = F[9] + F[0] * sphere[1] + F[1] * sphere[2] + F[2] * sphere[3]
-        y = F[10] + F[3] * sphere[1] + F[4] * sphere[2] + F[5] * sphere[3]
-        z = F[11] + F[6] * sphere[1] + F[7] * sphere[2] + F[8] * sphere[3]
+        x, y, z = sphere_centre(frames[k], sphere)
         radius = sphere[4] + margin
         for o in range(world.obstacles.shape[0]):
             box = world.obstacles[o]
@@ -164,24 +170,54 @@ def _hinge(world: World, frames: Array, weight: float, H: Array, g: Array) -> tu
                 continue
             gap = signed_distance(world, o, x, y, z, gradient) - radius
             smallest = min(smallest, gap + _HINGE_MARGIN)
-            if gap >= 0.0:
-                continue
-            penalty += weight * gap * gap
-            for j in range(n):
-                row[j] = 0.0
-                if j + 1 <= k:
-                    line = frames[j + 1]
-                    u, v, w = x - line[9], y - line[10], z - line[11]
-                    row[j] = (
-                        gradient[0] * (line[5] * w - line[8] * v)
-                        + gradient[1] * (line[8] * u - line[2] * w)
-                        + gradient[2] * (line[2] * v - line[5] * u)
-                    )
-            for i in range(n):
-                g[i] -= weight * row[i] * gap
-                for j in range(n):
-                    H[i, j] += weight * row[i] * row[j]
+            if gap < 0.0:
+                row[:] = 0.0
+                _add_motion(chain, frames, k, x, y, z, gradient, 1.0, row)
+                penalty += _add_square(row, gap, weight, H, g)
+    for p in range(world.pairs.shape[0]):
+        one, two = world.spheres[world.pairs[p, 0]], world.spheres[world.pairs[p, 1]]
+        first, last = int(one[0]), int(two[0])
+        ax, ay, az = sphere_centre(frames[first], one)
+        bx, by, bz = sphere_centre(frames[last], two)
+        length = np.sqrt((bx - ax) ** 2 + (by - ay) ** 2 + (bz - az) ** 2)
+        gap = length - one[4] - two[4] - margin
+        smallest = min(smallest, gap + _HINGE_MARGIN)
+        if gap < 0.0 and length > 1e-9:
+            gradient[0], gradient[1], gradient[2] = (bx - ax) / length, (by - ay) / length, (bz - az) / length
+            row[:] = 0.0
+            _add_motion(chain, frames, last, bx, by, bz, gradient, 1.0, row)
+            _add_motion(chain, frames, first, ax, ay, az, gradient, -1.0, row)
+            if np.any(row != 0.0):
+                penalty += _add_square(row, gap, weight, H, g)
     return penalty, smallest
+
+
+@inner
+def _add_motion(
+    chain: Chain, frames: Array, k: int, x: float, y: float, z: float, way: Array, sign: float, row: Array
+) -> None:
+    """Add to row (n,) how fast a point of link k moves along `way` as each joint does."""
+    for j in range(min(k, row.shape[0])):
+        line = frames[j + 1]
+        if chain.slides[j + 1] > 0.0:
+            row[j] += sign * (way[0] * line[2] + way[1] * line[5] + way[2] * line[8])
+            continue
+        u, v, w = x - line[9], y - line[10], z - line[11]
+        row[j] += sign * (
+            way[0] * (line[5] * w - line[8] * v)
+            + way[1] * (line[8] * u - line[2] * w)
+            + way[2] * (line[2] * v - line[5] * u)
+        )
+
+
+@inner
+def _add_square(row: Array, gap: float, weight: float, H: Array, g: Array) -> float:
+    """Add the square of a gap with gradient `row` to the normal equations."""
+    for i in range(row.shape[0]):
+        g[i] -= weight * row[i] * gap
+        for j in range(row.shape[0]):
+            H[i, j] += weight * row[i] * row[j]
+    return weight * gap * gap
 
 
 @inner

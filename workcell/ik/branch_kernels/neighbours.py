@@ -3,7 +3,9 @@
 A point x of axis i + 1 goes round axis i. From the base it is at E_1 ... E_i x; from the target at x', uncertain by the
 joints beyond i + 1 and the tolerance ball. Undoing E_1 ... E_{i-1} on x' gives |E_i x - x'| <= R with R the sum of its
 motion radii: a bound on the distance along the axis, on the distance from it, and an arc for the angle. The same holds
-for the direction of axis i + 1, and for the chain counted from the target (view 1).
+for the direction of axis i + 1, and for the chain counted from the target (view 1). A joint i that slides instead goes
+along its axis by -(x - x') . z, give or take what R leaves of the distance across; and points of a sliding axis i + 1
+move with it, which widens R.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from workcell.ik.branch_kernels.arcs import clip_to_arcs
-from workcell.ik.branch_kernels.motion import ball_radius, direction_radius, point_radius
+from workcell.ik.branch_kernels.motion import ball_radius, direction_radius, own_slide, point_radius
 from workcell.ik.branch_kernels.state import SLACK, Chain, State, inner, kernel, tighten
 from workcell.pose import Array
 
@@ -57,6 +59,19 @@ def turn_joint(state: State, view: int, k: int, phase: float, width: float) -> b
     return lower <= upper and tighten(state, joint, lower, upper)
 
 
+@inner
+def _slide_joint(state: State, view: int, k: int, x: float, y: float, w: float, radius: float) -> bool:
+    """Keep of a sliding joint the departures that bring u within `radius` of v, u - v given; False if none is left."""
+    z = state.lines[view, k]
+    along = z[0] * x + z[1] * y + z[2] * w
+    room = (radius + SLACK) ** 2 - max(x * x + y * y + w * w - along * along - SLACK, 0.0)
+    if room < 0.0:
+        return False
+    joint = k if view == 0 else state.lower.shape[0] - 1 - k
+    middle = state.centre[joint] + (-along if view == 0 else along)
+    return tighten(state, joint, middle - np.sqrt(room), middle + np.sqrt(room))  # type: ignore[no-any-return]
+
+
 @kernel
 def contract_neighbours(chain: Chain, state: State) -> bool:
     """Apply C1 to every joint from both ends; False if the box holds no solution."""
@@ -71,20 +86,29 @@ def contract_neighbours(chain: Chain, state: State) -> bool:
                 ball_radius(v[3], v[4], v[5], chain.ball)
                 + point_radius(v[3], v[4], v[5], lines, sweep, k)
                 + point_radius(v[3], v[4], v[5], others, sweeps, beyond)
+                + own_slide(others, sweeps, beyond)
             )
-            phase, width = turn_arc(
-                axis[:3],
-                u[6] - axis[3], u[7] - axis[4], u[8] - axis[5],
-                v[3] - axis[3], v[4] - axis[4], v[5] - axis[5],
-                radius,
-            )  # fmt: skip
-            if not turn_joint(state, view, k, phase, width):
-                return False
+            if axis[9] > 0.0:
+                if not _slide_joint(state, view, k, u[6] - v[3], u[7] - v[4], u[8] - v[5], radius):
+                    return False
+            else:
+                phase, width = turn_arc(
+                    axis[:3],
+                    u[6] - axis[3], u[7] - axis[4], u[8] - axis[5],
+                    v[3] - axis[3], v[4] - axis[4], v[5] - axis[5],
+                    radius,
+                )  # fmt: skip
+                if not turn_joint(state, view, k, phase, width):
+                    return False
             radius = (
                 chain.ball[1]
                 + direction_radius(v[0], v[1], v[2], lines, sweep, k)
                 + direction_radius(v[0], v[1], v[2], others, sweeps, beyond)
             )
+            if axis[9] > 0.0:
+                if (u[0] - v[0]) ** 2 + (u[1] - v[1]) ** 2 + (u[2] - v[2]) ** 2 > (radius + SLACK) ** 2:
+                    return False
+                continue
             phase, width = turn_arc(axis[:3], u[0], u[1], u[2], v[0], v[1], v[2], radius)
             if not turn_joint(state, view, k, phase, width):
                 return False

@@ -4,6 +4,9 @@ The centre of a sphere, seen from the base or from the target, stays within its 
 box's centre; to first order it moves along the tangent of the linear step, with a second-order remainder. When all of
 that lies inside an obstacle swollen by the sphere's radius, the whole box collides. Obstacles are convex, so a swept
 segment is inside when its ends are; for boxes the extent is compared axis by axis.
+
+Two spheres of the robot on links a < b: |E_{a+1} ... E_b x_b - x_a| is at most their distance at the centre, the motion
+radius of x_b under the joints beyond some link l between, and that of x_a under those up to l. Joints up to a move both.
 """
 
 from __future__ import annotations
@@ -13,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from workcell.ik.branch_kernels.linear import spread
-from workcell.ik.branch_kernels.motion import ball_radius, distance_to_line
+from workcell.ik.branch_kernels.motion import arm, ball_radius
 from workcell.ik.branch_kernels.state import SLACK, Chain, State, inner, kernel
 from workcell.ik.branch_kernels.world import BOX, World, signed_distance, to_local
 from workcell.pose import Array
@@ -73,6 +76,44 @@ def find_blocked(chain: Chain, state: State, world: World, sweep: Sweep, hint: i
                 if bound < limit:
                     return s, o, bound
     return -1, -1, 0.0
+
+
+@kernel
+def find_touching(state: State, world: World) -> tuple[int, int, float]:
+    """Two spheres of the robot that collide all over the box, and a bound on their clearance; (-1, -1, 0) if none."""
+    limit = world.clearance[0] + world.clearance[1]
+    lines, sweep = state.lines[0], state.sweep[0]
+    for p in range(world.pairs.shape[0]):
+        s, o = world.pairs[p]
+        one, two = world.spheres[s], world.spheres[o]
+        first, last = int(one[0]), int(two[0])
+        ax, ay, az = sphere_centre(state.frames[0, first], one)
+        bx, by, bz = sphere_centre(state.frames[0, last], two)
+        gap = np.sqrt((ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2) - one[4] - two[4]
+        if gap >= limit:
+            continue
+        moved = 0.0
+        for k in range(first + 1, last + 1):
+            if sweep[k] > 0.0:
+                moved += sweep[k] * arm(bx, by, bz, lines[k])
+        least = moved
+        for k in range(first + 1, last + 1):
+            if sweep[k] > 0.0:
+                moved += sweep[k] * (arm(ax, ay, az, lines[k]) - arm(bx, by, bz, lines[k]))
+                least = min(least, moved)
+        if gap + least + SLACK < limit:
+            return s, o, gap + least + SLACK
+    return -1, -1, 0.0
+
+
+@inner
+def sphere_centre(frame: Array, sphere: Array) -> tuple[float, float, float]:
+    """Centre of a sphere (a row of `World.spheres`) of the link with a frame (12,)."""
+    return (
+        frame[9] + frame[0] * sphere[1] + frame[1] * sphere[2] + frame[2] * sphere[3],
+        frame[10] + frame[3] * sphere[1] + frame[4] * sphere[2] + frame[5] * sphere[3],
+        frame[11] + frame[6] * sphere[1] + frame[7] * sphere[2] + frame[8] * sphere[3],
+    )
 
 
 @inner
@@ -148,15 +189,12 @@ def _bound_ball(chain: Chain, state: State, sphere: Array, sweep: Sweep) -> None
     k = int(sphere[0])
     best = np.inf
     for side in range(2):
-        frame = state.frames[side, k]
-        x = frame[9] + frame[0] * sphere[1] + frame[1] * sphere[2] + frame[2] * sphere[3]
-        y = frame[10] + frame[3] * sphere[1] + frame[4] * sphere[2] + frame[5] * sphere[3]
-        z = frame[11] + frame[6] * sphere[1] + frame[7] * sphere[2] + frame[8] * sphere[3]
+        x, y, z = sphere_centre(state.frames[side, k], sphere)
         count = k + 1 if side == 0 else joints - 1 - k
         radius = 0.0 if side == 0 else ball_radius(x, y, z, chain.ball)
         for j in range(count):
             if state.sweep[side, j] > 0.0:
-                radius += state.sweep[side, j] * distance_to_line(x, y, z, state.lines[side, j])
+                radius += state.sweep[side, j] * arm(x, y, z, state.lines[side, j])
                 if radius >= best:
                     break
         if radius < best:
@@ -178,7 +216,8 @@ def _bound_segment(chain: Chain, state: State, sphere: Array, sweep: Sweep) -> N
     noise = sweep.noise
     noise[:] = 0.0
     shift, slope = np.zeros(3), np.zeros(3)
-    rest = 0.0 if side == 0 else ball_radius(x, y, z, chain.ball)
+    # The ball also turns what the joints have moved.
+    rest, turned = (0.0, 0.0) if side == 0 else (ball_radius(x, y, z, chain.ball), chain.ball[1])
     outer = 0.0
     for j in range(count):
         if state.sweep[side, j] == 0.0:
@@ -190,8 +229,15 @@ def _bound_segment(chain: Chain, state: State, sphere: Array, sweep: Sweep) -> N
         mx, my, mz = line[1] * w - line[2] * v, line[2] * u - line[0] * w, line[0] * v - line[1] * u
         low, high = state.lower[joint] - state.centre[joint], state.upper[joint] - state.centre[joint]
         half = max(high, -low)
-        rest += 0.5 * ((outer + half) ** 2 - outer**2) * np.sqrt(mx * mx + my * my + mz * mz)
-        outer += half
+        # The second order as the third in `linear`: the term in which the joint isn't differentiated integrates to
+        # outer^2 half / 6.
+        if line[9] > 0.0:
+            mx, my, mz = line[0], line[1], line[2]
+            rest += ((1.0 + outer / 6.0) * outer + turned) * half
+        else:
+            bent = 0.5 * ((outer + half) ** 2 - outer**2) + (outer**2 / 6.0 + turned) * half
+            rest += bent * np.sqrt(mx * mx + my * my + mz * mz)
+            outer += half
         mx, my, mz = sign * mx, sign * my, sign * mz
         if known:
             row = tangent[joint]

@@ -11,7 +11,7 @@ from workcell.ik.branch_kernels.invariants import contract_invariants, contract_
 from workcell.ik.branch_kernels.linear import contract_linear
 from workcell.ik.branch_kernels.local import search_from
 from workcell.ik.branch_kernels.neighbours import contract_neighbours
-from workcell.ik.branch_kernels.obstacles import Sweep, find_blocked
+from workcell.ik.branch_kernels.obstacles import Sweep, find_blocked, find_touching
 from workcell.ik.branch_kernels.state import Chain, State, inner, kernel, recentre
 from workcell.ik.branch_kernels.world import World
 from workcell.pose import Array
@@ -22,8 +22,6 @@ ROUNDS = 8
 """Times the contractors are repeated on a box."""
 SHRINK = 0.85
 """Share of its width below which some joint must come for another round."""
-OUTER_WEIGHT = 20.0
-"""How much wider the joints next to the ends count until the linear step applies."""
 SMALLEST = 1e-7
 """Width in radians of all joints at which a box is given up."""
 
@@ -36,10 +34,10 @@ class Tree(NamedTuple):
 
     Attributes:
         stack: (depth, 2, N) boxes to come.
-        nodes: (capacity, 4) in pre-order: joint (from 0) of a split or -1 (kinematics), -2 (obstacle), -3 (given up);
-            then split value and 0 when its lower half comes first, 1 when its upper does; for an obstacle leaf sphere
-            and obstacle and the bound on their clearance.
-        counts: (8,) boxes on the stack; nodes; kinematic, obstacle and given-up leaves; local searches; hint;
+        nodes: (capacity, 4) in pre-order: joint (from 0) of a split or -1 (kinematics), -2 (obstacle), -3 (two spheres),
+            -4 (given up); then the split's value; for an obstacle sphere and obstacle and the bound on their
+            clearance, for two spheres the same.
+        counts: (8,) boxes on the stack; nodes; leaves: kinematic, colliding, given up; local searches; hint;
             boxes since the last local search.
         found: (N,) a configuration that the local search reached.
     """
@@ -81,7 +79,7 @@ def _shrunk(state: State, width: Array) -> bool:
 
 
 @kernel
-def choose_split(state: State) -> tuple[int, float]:
+def choose_split(chain: Chain, state: State) -> tuple[int, float]:
     """Joint (of the kernels) to split, and where; (-1, 0) when the box is too small."""
     joints = state.lower.shape[0]
     joint, widest = -1, 0.0
@@ -89,8 +87,7 @@ def choose_split(state: State) -> tuple[int, float]:
     for k in range(1, joints - 1):
         width = state.upper[k] - state.lower[k]
         largest = max(largest, width)
-        if state.tangent[0, 0] == 0.0 and (k <= 2 or k >= joints - 3):
-            width *= OUTER_WEIGHT
+        width *= chain.weights[0 if state.tangent[0, 0] == 0.0 else 1, k]
         if width > widest:
             joint, widest = k, width
     if largest < SMALLEST:
@@ -128,9 +125,14 @@ def run(
             counts[3] += 1
             counts[6] = sphere * world.obstacles.shape[0] + obstacle
             continue
-        joint, value = choose_split(state)
+        sphere, other, bound = find_touching(state, world)
+        if sphere >= 0:
+            node[0], node[1], node[2], node[3] = -3.0, sphere, other, bound
+            counts[3] += 1
+            continue
+        joint, value = choose_split(chain, state)
         if joint < 0:
-            node[0] = -3.0
+            node[0] = -4.0
             counts[4] += 1
         else:
             _push(state, tree, node, joint, value)
@@ -165,7 +167,7 @@ def _pick_start(state: State, tree: Tree) -> None:
 def _push(state: State, tree: Tree, node: Array, joint: int, value: float) -> None:
     """Put both halves on the stack and write the split down."""
     top = tree.counts[0]
-    node[0], node[1], node[2] = joint - 1.0, value, 0.0
+    node[0], node[1] = joint - 1.0, value
     for half in range(2):
         tree.stack[top + half, 0] = state.lower
         tree.stack[top + half, 1] = state.upper

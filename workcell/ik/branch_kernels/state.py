@@ -2,7 +2,7 @@
 
 Joint `k` of the kernels runs from 0 to N - 1 = n + 1: joints 0 and n + 1 stand still and carry a line fixed to the base
 and one fixed to the tool, so that both ends of the chain take part in every inequality between axes.
-Every joint's axis is the z axis of its frame. *View* 0 counts joints from the base, view 1 from the target; what is
+Every joint turns about, or slides along, the z axis of its frame. *View* 0 counts joints from the base, view 1 from the target; what is
 known at index k of one view belongs to index N - 1 - k of the other.
 """
 
@@ -41,15 +41,23 @@ class Chain(NamedTuple):
     Attributes:
         fixed: (N, 12) joint frame in the frame before it: rotation (9, row-major), position (3).
         feet: (N, 2) where along its axis each joint comes closest to the axis before and after it.
-        bands: (2, N, 4, 3) per view and joint i the coefficients (a, b, c) of a + b cos q + c sin q of the invariants
-            between its neighbours' axes, see `invariants`.
+        slides: (N,) 1 for a prismatic joint, 0 for a revolute one.
+        around: (N, 4, 3) per joint i, in its frame without its own motion, point and direction of axis i - 1, and in
+            the frame it carries those of axis i + 1.
+        weights: (2, N) how much a joint's width counts when a box is split: before the linear step works, and after.
+        middle: the joint at whose link the linear step closes the loop.
+        turns: whether the target's rotation counts; else only its position is known.
         goal: (12,) wanted frame of joint N - 1.
         ball: (5,) radius of the target's position (m) and rotation (rad) and the point it turns about (3).
     """
 
     fixed: Array
     feet: Array
-    bands: Array
+    slides: Array
+    around: Array
+    weights: Array
+    middle: int
+    turns: bool
     goal: Array
     ball: Array
 
@@ -59,9 +67,12 @@ class State(NamedTuple):
 
     Attributes:
         lower, upper, centre: (N,) the box, and the angles at which everything below was computed.
-        sweep: (2, N) per view the chord 2 sin(h / 2) of the largest departure h from `centre`.
+        sweep: (2, N) per view the chord 2 sin(h / 2) of the largest departure h from `centre`; h of a sliding joint.
         frames: (2, N, 12) link frames at `centre` in joint order, from the base and from the target.
-        lines: (2, N, 9) per view the axis' direction, its point nearest the previous axis, and nearest the next.
+        lines: (2, N, 10) per view the axis' direction, its point nearest the previous axis, and nearest the next; and
+            1 for a sliding joint. The points belong to the link that the joint moves.
+        bands: (2, N, 4, 3) per view and joint i the coefficients (a, b, c) of a + b cos q + c sin q, or of
+            a + b q + c q^2 for a sliding joint, of the invariants between its neighbours' axes, see `invariants`.
         tangent: (n + 1, 12) the linear step's result, see `linear.contract_linear`.
     """
 
@@ -71,21 +82,29 @@ class State(NamedTuple):
     sweep: Array
     frames: Array
     lines: Array
+    bands: Array
     tangent: Array
 
 
 @kernel
-def new_state(joints: int) -> State:
-    """Room for a chain of N joints, the two fixed ones included."""
-    return State(
+def new_state(chain: Chain) -> State:
+    """Room for the boxes of a chain."""
+    joints = chain.slides.shape[0]
+    state = State(
         np.zeros(joints),
         np.zeros(joints),
         np.zeros(joints),
         np.zeros((2, joints)),
         np.zeros((2, joints, 12)),
-        np.zeros((2, joints, 9)),
+        np.zeros((2, joints, 10)),
+        np.zeros((2, joints, 4, 3)),
         np.zeros((joints - 1, 12)),
     )
+    for k in range(joints):
+        state.lines[0, k, 9] = state.lines[1, joints - 1 - k, 9] = chain.slides[k]
+    for i in range(1, joints - 1):
+        _set_bands(chain, state, i, 0.0)
+    return state
 
 
 @kernel
@@ -96,6 +115,8 @@ def recentre(chain: Chain, state: State) -> None:
     for k in range(joints):
         state.centre[k] = 0.5 * (state.lower[k] + state.upper[k])
         _set_sweep(state, k)
+        if chain.slides[k] > 0.0 and k > 1:
+            _set_bands(chain, state, k - 1, state.centre[k])
     place(chain, state.centre, state.frames)
     for k in range(joints):
         back = joints - 1 - k
@@ -112,9 +133,52 @@ def recentre(chain: Chain, state: State) -> None:
 @inner
 def _set_sweep(state: State, k: int) -> None:
     half = max(state.upper[k] - state.centre[k], state.centre[k] - state.lower[k])
-    chord = 2.0 * np.sin(0.5 * min(half, np.pi)) + SLACK if half > 0.0 else 0.0
+    chord = 0.0
+    if half > 0.0:
+        chord = (half if state.lines[0, k, 9] > 0.0 else 2.0 * np.sin(0.5 * min(half, np.pi))) + SLACK
     state.sweep[0, k] = chord
     state.sweep[1, state.lower.shape[0] - 1 - k] = chord
+
+
+@inner
+def _set_bands(chain: Chain, state: State, i: int, slid: float) -> None:
+    """The invariants about joint i, when the next joint has slid by `slid`."""
+    around = chain.around[i]
+    y, zy, zx = around[0], around[1], around[3]
+    x = around[2] + slid * zx
+    back = chain.slides.shape[0] - 1 - i
+    bands = np.empty((4, 3))
+    if chain.slides[i] > 0.0:
+        d = x - y
+        bands[0] = (dot(d, d), 2.0 * d[2], 1.0)
+        bands[1] = (dot(zy, d), zy[2], 0.0)
+        bands[2] = (dot(zx, d), zx[2], 0.0)
+        bands[3] = (dot(zy, zx), 0.0, 0.0)
+    else:
+        _turning(y, x, bands[0])
+        bands[0] *= -2.0
+        bands[0, 0] += dot(x, x) + dot(y, y)
+        _turning(zy, x, bands[1])
+        bands[1, 0] -= dot(zy, y)
+        _turning(y, zx, bands[2])
+        bands[2] *= -1.0
+        bands[2, 0] += dot(zx, x)
+        _turning(zy, zx, bands[3])
+    state.bands[0, i] = bands
+    state.bands[1, back, 0], state.bands[1, back, 3] = bands[0], bands[3]
+    state.bands[1, back, 1], state.bands[1, back, 2] = -bands[2], -bands[1]
+
+
+@inner
+def dot(u: Array, v: Array) -> float:
+    """Scalar product."""
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]  # type: ignore[no-any-return]
+
+
+@inner
+def _turning(u: Array, v: Array, out: Array) -> None:
+    """(a, b, c) of u . Rz(t) v = a + b cos t + c sin t."""
+    out[0], out[1], out[2] = u[2] * v[2], u[0] * v[0] + u[1] * v[1], u[1] * v[0] - u[0] * v[1]
 
 
 @inner
@@ -134,12 +198,13 @@ def tighten(state: State, k: int, lower: float, upper: float) -> bool:
 def place(chain: Chain, q: Array, frames: Array) -> None:
     """Frames of all joints at `q` (N,), from the base (frames[0]) and, backwards, from the target (frames[1])."""
     joints = q.shape[0]
-    forward(chain.fixed, q, frames[0])
+    forward(chain, q, frames[0])
     back = frames[1]
     back[joints - 1] = chain.goal
     for k in range(joints - 1, 0, -1):
         f, B, P = chain.fixed[k], back[k], back[k - 1]
-        cosine, sine = np.cos(q[k]), np.sin(q[k])
+        angle, slid = (0.0, q[k]) if chain.slides[k] > 0.0 else (q[k], 0.0)
+        cosine, sine = np.cos(angle), np.sin(angle)
         for a in range(3):
             x = B[3 * a] * cosine - B[3 * a + 1] * sine
             y = B[3 * a] * sine + B[3 * a + 1] * cosine
@@ -147,15 +212,17 @@ def place(chain: Chain, q: Array, frames: Array) -> None:
             for b in range(3):
                 P[3 * a + b] = x * f[3 * b] + y * f[3 * b + 1] + z * f[3 * b + 2]
         for a in range(3):
-            P[9 + a] = B[9 + a] - P[3 * a] * f[9] - P[3 * a + 1] * f[10] - P[3 * a + 2] * f[11]
+            origin = B[9 + a] - slid * B[3 * a + 2]
+            P[9 + a] = origin - P[3 * a] * f[9] - P[3 * a + 1] * f[10] - P[3 * a + 2] * f[11]
 
 
 @inner
-def forward(fixed: Array, q: Array, frames: Array) -> None:
+def forward(chain: Chain, q: Array, frames: Array) -> None:
     """Frames (N, 12) of all joints at `q` (N,), from the base."""
     for k in range(q.shape[0]):
-        f, F = fixed[k], frames[k]
-        cosine, sine = np.cos(q[k]), np.sin(q[k])
+        f, F = chain.fixed[k], frames[k]
+        angle, slid = (0.0, q[k]) if chain.slides[k] > 0.0 else (q[k], 0.0)
+        cosine, sine = np.cos(angle), np.sin(angle)
         for a in range(3):
             if k == 0:
                 x, y, z, p = f[3 * a], f[3 * a + 1], f[3 * a + 2], f[9 + a]
@@ -169,4 +236,4 @@ def forward(fixed: Array, q: Array, frames: Array) -> None:
             F[3 * a] = x * cosine + y * sine
             F[3 * a + 1] = y * cosine - x * sine
             F[3 * a + 2] = z
-            F[9 + a] = p
+            F[9 + a] = p + slid * z

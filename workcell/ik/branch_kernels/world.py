@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.ik.branch_kernels.state import inner, kernel
 from workcell.pose import Array
@@ -24,6 +25,7 @@ class World(NamedTuple):
             vertices and planes (2 x 2, hulls only; -1 otherwise, at 22 and 23 of `vertices`, see `branch`).
         vertices: (v, 3) hull vertices in the obstacle's frame.
         planes: (f, 4) hull planes there: outward unit normal and offset.
+        pairs: (p, 2) spheres that must keep clear of each other, the one nearer to the base first.
         clearance: (2,) the clearance c that a solution keeps, and the excess over it up to which "no" may go.
     """
 
@@ -31,6 +33,7 @@ class World(NamedTuple):
     obstacles: Array
     vertices: Array
     planes: Array
+    pairs: NDArray[np.int64]
     clearance: Array
 
 

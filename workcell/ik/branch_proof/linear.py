@@ -3,7 +3,15 @@
 Position: E_1 .. E_m p = Ball E_n^-1 .. E_(m+1)^-1 t, p and t one point of the middle link seen from the base and from the
 target. Rotation: E_1 .. E_m = Ball E_n^-1 .. E_(m+1)^-1 D. The skew part of a product of two small rotations' generators
 is half their vector product, that of a square is zero; D departs from the identity by at most `apart`, which enters as
-remainder. Third orders: a product of rotations by t h_j, differentiated three times in t, is at most (sum h_j)^3 in norm.
+remainder. Third order of rotations: their product by t h_j, differentiated three times in t, is at most (sum h_j)^3.
+Third order of points: E_1 .. E_m p - p = sum of E_1 .. E_(j-1) (E_j - 1) p. With s the sum of the h before joint j and l its
+lever at p, such a term differentiated three times is at most ((s + h)^3 - s^3) l where E_j is differentiated and s^3 t h l
+where it is not; under Taylor's integral that is ((s + h)^3 - s^3) l / 6 + s^3 h l / 24. Where joint j slides: s^2 h / 2 +
+s^3 h / 24.
+
+Rounding: the rows that are used are the weights found by elimination times the system itself, computed afresh. So the
+elimination may err as it likes; what rounding remains is that of six products each, and of the system, both within the
+two slacks in every component's bound.
 """
 
 from __future__ import annotations
@@ -14,6 +22,8 @@ from workcell.ik.branch_proof.closure import Box, Robot, narrow, off_axis
 from workcell.ik.branch_proof.vectors import Vector, checked, cross, minus, move, norm, vector
 from workcell.pose import Array
 
+_OFF = 1e-12
+"""How far from 1 and 0 the coefficients of solved joints may be for `Box.follow`; times all half widths it is below EPS."""
 WIDEST = 1.3
 """Radians of all half widths together beyond which nothing can come of it."""
 
@@ -31,15 +41,24 @@ def follow_closure(robot: Robot, box: Box) -> bool:
     total = 0.0
     for k in range(joints):
         h[k] = max(box.upper[k] - box.centre[k], box.centre[k] - box.lower[k])
-        total += h[k]
+        if robot.lines[k, 9] == 0.0 and (robot.turns or k < robot.middle):
+            total += h[k]
     if total > WIDEST:
         return True
     A = np.zeros((6, joints + 7))
     bound, lever = np.zeros(6), np.zeros(3)
-    if not _system(robot, box, (joints - 1) // 2, h, A, bound, lever):
+    if not _system(robot, box, robot.middle, h, A, bound, lever):
         return True
     owner = np.full(6, -1)
+    system = A.copy()
     _solve(robot, A, bound, lever, h, owner)
+    for r in range(6):
+        weights = A[r, joints : joints + 6].copy()
+        A[r] = 0.0
+        for s in range(6):
+            if weights[s] != 0.0:
+                A[r] += weights[s] * system[s]
+        A[r, joints : joints + 6] = weights
     return _use(robot, box, A, bound, lever, owner)
 
 
@@ -62,7 +81,7 @@ def _system(robot: Robot, box: Box, m: int, h: Array, A: Array, bound: Array, le
     p, t = move(box.motions[0, m], point), move(box.motions[1, m], point)
     D = box.motions[1, m, :9].copy().reshape(3, 3) @ box.motions[0, m, :9].copy().reshape(3, 3).T
     apart = np.sqrt(max(3.0 - D[0, 0] - D[1, 1] - D[2, 2], 0.0))
-    if apart > 1.4:
+    if apart > 1.4 and robot.turns:
         return False
     last = joints + 6
     A[0, last], A[1, last], A[2, last] = minus(t, p)
@@ -78,13 +97,16 @@ def _system(robot: Robot, box: Box, m: int, h: Array, A: Array, bound: Array, le
     _side(box, 1, joints - 2, m + 1, -1, t, D, apart, h, A, bound)
     far, moved = 0.0, 0.0
     for k in range(m + 1, joints - 1):
-        far += h[k]
+        far += 0.0 if robot.lines[k, 9] > 0.0 else h[k]
         moved += h[k] * off_axis(t, box.sides[1, k])
     c = minus(t, vector(robot.ball, 2))
     for r in range(3):
         lever[r] = c[r]
         bound[r] += robot.ball[1] * (moved + robot.ball[1] * norm(c))
         bound[3 + r] += robot.ball[1] * (far + apart + robot.ball[1])
+    if not robot.turns:
+        # The rows of the rotation say nothing: 0 = 0.
+        A[3:, :joints], A[3:, last], bound[3:] = 0.0, 0.0, 0.0
     return True
 
 
@@ -98,22 +120,30 @@ def _side(
     total, cubic, j = 0.0, 0.0, first
     while (step > 0 and j <= last) or (step < 0 and j >= last):
         z = vector(box.sides[side, j], 0)
-        w = cross(z, minus(p, vector(box.sides[side, j], 3)))
-        cubic += ((total + h[j]) ** 3 - total**3) * norm(w)
-        total += h[j]
+        slides = box.sides[side, j, 9] > 0.0
+        w = z if slides else cross(z, minus(p, vector(box.sides[side, j], 3)))
+        if slides:
+            cubic += (3.0 + 0.25 * total) * total**2 * h[j]
+        else:
+            cubic += ((total + h[j]) ** 3 - total**3 + 0.25 * total**3 * h[j]) * norm(w)
+            total += h[j]
         Dz = z if side == 0 else (
             0.5 * ((D[1, 1] + D[2, 2]) * z[0] - D[0, 1] * z[1] - D[0, 2] * z[2]),
             0.5 * ((D[0, 0] + D[2, 2]) * z[1] - D[1, 0] * z[0] - D[1, 2] * z[2]),
             0.5 * ((D[0, 0] + D[1, 1]) * z[2] - D[2, 0] * z[0] - D[2, 1] * z[1]),
         )  # fmt: skip
         for r in range(3):
-            A[r, j], A[3 + r, j] = w[r], Dz[r]
+            A[r, j], A[3 + r, j] = w[r], 0.0 if slides else Dz[r]
         i = first
         while i != j + step:
             y = vector(box.sides[side, i], 0)
             bend, twist, size = cross(y, w), cross(y, z), h[i] * h[j]
             for r in range(3):
-                if i == j:
+                if box.sides[side, i, 9] > 0.0:
+                    continue  # what slides outside doesn't turn what is inside
+                if slides:
+                    bound[r] += size * abs(bend[r])
+                elif i == j:
                     # Half a square in [0, h^2 / 2]: its middle to the right side, half its range to the remainder.
                     A[r, right] += sign * 0.25 * size * bend[r]
                     bound[r] += 0.25 * size * abs(bend[r])
@@ -189,6 +219,8 @@ def _remember(box: Box, A: Array, bound: Array, lever: Array, owner: Array) -> N
         solved = False
         for r in range(6):
             solved = solved or owner[r] == k
+            if owner[r] >= 0 and abs(A[r, k] - (1.0 if owner[r] == k else 0.0)) > _OFF and _owned(owner, k):
+                return
         if not solved:
             free, count = k, count + 1
     if count > 1:
@@ -204,3 +236,12 @@ def _remember(box: Box, A: Array, bound: Array, lever: Array, owner: Array) -> N
             follow[owner[r], 0] = A[r, joints + 6]
             follow[owner[r], 1] = -A[r, free] if free >= 0 else 0.0
             follow[owner[r], 2:8] = A[r, joints : joints + 6]
+
+
+@checked
+def _owned(owner: Array, k: int) -> bool:
+    """Whether some row was solved for joint k."""
+    owned = False
+    for r in range(owner.shape[0]):
+        owned = owned or owner[r] == k
+    return owned

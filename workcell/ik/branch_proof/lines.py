@@ -13,17 +13,29 @@ from workcell.ik.branch_proof.closure import (
     Box,
     Robot,
     advance,
+    around,
     between,
     in_ball,
     invariant,
     narrow,
     off_axis,
+    own_slide,
+    sliding,
     stand_at_centre,
     tilt,
     wander,
 )
 from workcell.ik.branch_proof.linear import follow_closure
-from workcell.ik.branch_proof.vectors import Vector, angles_in_band, checked, dot, minus, norm, vector
+from workcell.ik.branch_proof.vectors import (
+    Vector,
+    angles_in_band,
+    checked,
+    dot,
+    minus,
+    norm,
+    places_in_band,
+    vector,
+)
 from workcell.pose import Array
 
 ROUNDS = 8
@@ -39,7 +51,7 @@ def contract(robot: Robot, box: Box) -> bool:
         for k in range(joints):
             before += np.log(box.upper[k] - box.lower[k] + 1e-9)
         stand_at_centre(robot, box)
-        if not _contract_once(robot, box):
+        if not contract_lines(robot, box) or not follow_closure(robot, box):
             return False
         after = 0.0
         for k in range(joints):
@@ -50,7 +62,8 @@ def contract(robot: Robot, box: Box) -> bool:
 
 
 @checked
-def _contract_once(robot: Robot, box: Box) -> bool:
+def contract_lines(robot: Robot, box: Box) -> bool:
+    """Contract every joint by every pair of lines; False if the box is proved to hold no solution."""
     joints = box.lower.shape[0]
     for k in range(1, joints - 1):
         if not _same_line(robot, box, k + 1, k) or not _same_line(robot, box, k - 1, k):
@@ -65,7 +78,7 @@ def _contract_once(robot: Robot, box: Box) -> bool:
         for j in range(i + 2, joints - 1):
             if not _known(robot, box, i - 1, j, i + 1):
                 return False
-    return follow_closure(robot, box)
+    return True
 
 
 @checked
@@ -83,33 +96,49 @@ def _middle(robot: Robot, box: Box, i: int) -> bool:
     near, far = box.sides[0, i - 1], box.sides[1, i + 1]
     y, zy, x, zx = vector(near, 3), vector(near, 0), vector(far, 6), vector(far, 0)
     d = minus(x, y)
+    own = own_slide(box, i - 1) + own_slide(box, i + 1)
     move_x = wander(box, 0, 0, i - 1, x) + wander(box, 1, i + 2, joints, x) + in_ball(robot, x)
     move_y = wander(box, 0, 0, i - 1, y) + wander(box, 1, i + 2, joints, y) + in_ball(robot, y)
     tilted = tilt(box, 0, 0, i - 1, zx) + tilt(box, 1, i + 2, joints, zx) + robot.ball[1]
     part, turned = advance(box, 0, i - 2, 0, -1, zy, x, 0.0, 0.0)
     rest, _ = advance(box, 1, joints - 1, i + 2, -1, zy, x, 0.0, turned + robot.ball[1])
-    along_y = part + rest + in_ball(robot, x)
+    along_y = part + rest + in_ball(robot, x) + own
     part, turned = advance(box, 1, i + 2, joints - 1, 1, zx, y, 0.0, 0.0)
     rest, _ = advance(box, 0, 0, i - 2, 1, zx, y, 0.0, turned + robot.ball[1])
-    along_x = part + rest + in_ball(robot, y)
+    along_x = part + rest + in_ball(robot, y) + own
 
-    line = robot.lines[i]
-    z, o = vector(line, 0), vector(line, 3)
-    m, zm = minus(vector(robot.lines[i - 1], 3), o), vector(robot.lines[i - 1], 0)
-    f, zf = minus(vector(robot.lines[i + 1], 6), o), vector(robot.lines[i + 1], 0)
+    m, zm, f, zf = around(robot, box, i)
     for kind in range(4):
-        a, b, c = invariant(kind, m, zm, f, zf, z)
         if kind == 0:
-            r = min(move_x, move_y) + eps
+            r = min(move_x, move_y) + own + eps
             low, high = max(norm(d) - r, 0.0) ** 2, (norm(d) + r) ** 2
         else:
             r = eps + (along_y if kind == 1 else (along_x if kind == 2 else tilted))
             value = dot(zy, d) if kind == 1 else (dot(zx, d) if kind == 2 else dot(zy, zx))
             low, high = value - r, value + r
-        first, last = angles_in_band(a, b, c, low, high, box.lower[i], box.upper[i], eps)
-        if first > last or not narrow(box, i, first, last):
+        if not _keep(robot, box, i, kind, m, zm, f, zf, vector(robot.lines[i], 0), low, high, 0.0, 1.0):
             return False
     return True
+
+
+@checked
+def _keep(
+    robot: Robot, box: Box, j: int, kind: int, y: Vector, zy: Vector, x: Vector, zx: Vector, z: Vector,
+    low: float, high: float, origin: float, sign: float,
+) -> bool:  # fmt: skip
+    """Keep of joint j, its angle or way t counted from `origin`, what brings an invariant into [low, high].
+
+    The far line (x, zx) moves by sign * t against the near one (y, zy).
+    """
+    eps = robot.scale[0]
+    first, last = box.lower[j] - origin, box.upper[j] - origin
+    if robot.lines[j, 9] > 0.0:
+        a, b, c = sliding(kind, y, zy, x, zx, z)
+        first, last = places_in_band(a, sign * b, c, low, high, first, last, eps)
+    else:
+        a, b, c = invariant(kind, y, zy, x, zx, z)
+        first, last = angles_in_band(a, b, sign * c, low, high, first, last, eps)
+    return first <= last and narrow(box, j, origin + first, origin + last)
 
 
 @checked
@@ -131,11 +160,11 @@ def _known(robot: Robot, box: Box, i: int, j: int, k: int) -> bool:
         radius, along_y, along_x, tilted = _radii_near(robot, box, i, j, k, line, y, zy, x, zx)
     else:
         radius, along_y, along_x, tilted = _radii_far(robot, box, i, j, k, line, y, zy, x, zx)
+    own = own_slide(box, i) + (own_slide(box, k) if i != k else 0.0)
+    radius, along_y, along_x = radius + own, along_y + own, along_x + own
     z, o = vector(line, 0), vector(line, 3)
     y, x = minus(y, o), minus(x, o)
-    centre = box.centre[j]
     for kind in range(4):
-        a, b, c = invariant(kind, y, zy, x, zx, z)
         low, high = box.ranges[kind, 0], box.ranges[kind, 1]
         if kind == 0:
             low = max(np.sqrt(max(low, 0.0)) - radius - eps, 0.0) ** 2
@@ -146,9 +175,8 @@ def _known(robot: Robot, box: Box, i: int, j: int, k: int) -> bool:
         else:
             r = eps + (along_y if kind == 1 else (along_x if kind == 2 else tilted))
             low, high = low - r, high + r
-        # A near line that turns forward, and a far one seen backwards from the target: both turn x by -t against y.
-        first, last = angles_in_band(a, b, -c, low, high, box.lower[j] - centre, box.upper[j] - centre, eps)
-        if first > last or not narrow(box, j, centre + first, centre + last):
+        # A near line that moves forward, and a far one seen backwards from the target: both move x by -t against y.
+        if not _keep(robot, box, j, kind, y, zy, x, zx, z, low, high, box.centre[j], -1.0):
             return False
     return True
 

@@ -1,4 +1,4 @@
-"""Whether a sphere of the robot collides with an obstacle in every configuration of a box."""
+"""Whether a sphere of the robot collides with an obstacle, or with another, in every configuration of a box."""
 
 from __future__ import annotations
 
@@ -45,6 +45,25 @@ def collides(robot: Robot, box: Box, scene: Scene, s: int, o: int, clearance: fl
 
 
 @checked
+def touch(robot: Robot, box: Box, scene: Scene, s: int, o: int, clearance: float) -> bool:
+    """Whether the clearance between spheres s and o is below `clearance` all over the box.
+
+    Seen from the link of the sphere nearer to the base, the joints between the two move one or the other: those up to
+    some link the near one backwards, the rest the far one.
+    """
+    if scene.spheres[s, 0] > scene.spheres[o, 0]:
+        s, o = o, s
+    first, last = int(scene.spheres[s, 0]), int(scene.spheres[o, 0])
+    near = move(box.motions[0, first], vector(scene.spheres[s], 1))
+    far = move(box.motions[0, last], vector(scene.spheres[o], 1))
+    room = scene.spheres[s, 4] + scene.spheres[o, 4] + clearance - norm(minus(far, near)) - robot.scale[0]
+    for split in range(first, last + 1):
+        if wander(box, 0, first + 1, split + 1, near) + wander(box, 0, split + 1, last + 1, far) < room:
+            return True
+    return False
+
+
+@checked
 def _tube_inside(
     robot: Robot,
     box: Box,
@@ -62,13 +81,20 @@ def _tube_inside(
     follows = box.follow[0, 0] > 0.0
     shifts = np.zeros((8 + joints, 3))
     total, rest, j = 0.0, robot.scale[0] if side == 0 else in_ball(robot, x) + robot.scale[0], first
+    # The ball also turns what the joints have moved.
+    turned = 0.0 if side == 0 else robot.ball[1]
     while (step > 0 and j <= last) or (step < 0 and j >= last):
         line = box.sides[side, j]
-        w = cross(vector(line, 0), minus(x, vector(line, 3)))
         low, high = box.lower[j] - box.centre[j], box.upper[j] - box.centre[j]
         h = max(high, -low)
-        rest += 0.5 * ((total + h) ** 2 - total**2) * norm(w)
-        total += h
+        # Second order, as the third in `linear`: total^2 t h l integrates to total^2 h l / 6.
+        if line[9] > 0.0:
+            w = vector(line, 0)
+            rest += ((1.0 + total / 6.0) * total + turned) * h
+        else:
+            w = cross(vector(line, 0), minus(x, vector(line, 3)))
+            rest += (0.5 * ((total + h) ** 2 - total**2) + (total**2 / 6.0 + turned) * h) * norm(w)
+            total += h
         for a in range(3):
             way = w[a] if side == 0 else -w[a]
             if follows:

@@ -107,6 +107,13 @@ def screw(T: Array, z: Vector, o: Vector, angle: float, out: Array) -> None:
 
 
 @checked
+def slide(T: Array, z: Vector, way: float, out: Array) -> None:
+    """out = T * translation by `way` along z."""
+    out[:] = T
+    out[9], out[10], out[11] = plus((T[9], T[10], T[11]), way, turn(T, z))
+
+
+@checked
 def angles_in_band(
     a: float, b: float, c: float, low: float, high: float, lower: float, upper: float, eps: float
 ) -> tuple[float, float]:
@@ -152,3 +159,43 @@ def band_over(a: float, b: float, c: float, lower: float, upper: float, eps: flo
                 low = -size
         k += 1.0
     return a + low - eps * (1.0 + size), a + high + eps * (1.0 + size)
+
+
+@checked
+def places_in_band(
+    a: float, b: float, c: float, low: float, high: float, lower: float, upper: float, eps: float
+) -> tuple[float, float]:
+    """Hull of {t in [lower, upper]: low <= a + b t + c t^2 <= high}, c = 0 or 1; (1, -1) where that is empty."""
+    wide = eps * (1.0 + abs(b))
+    if c == 0.0:
+        if abs(b) < 1e-6:
+            far = abs(b) * max(abs(lower), abs(upper)) + wide
+            return (lower, upper) if low - far <= a <= high + far else (1.0, -1.0)
+        one, two = (low - wide - a) / b, (high + wide - a) / b
+        return max(lower, min(one, two) - EPS), min(upper, max(one, two) + EPS)
+    # a + b t + t^2 = (t - foot)^2 + a - foot^2
+    foot = -0.5 * b
+    low, high = low - wide - a + foot * foot, high + wide - a + foot * foot
+    if high < 0.0:
+        return 1.0, -1.0
+    far, near = np.sqrt(high) + EPS, max(np.sqrt(max(low, 0.0)) - EPS, 0.0)
+    first, last = 1.0, -1.0
+    for start, end in ((foot - far, foot - near), (foot + near, foot + far)):
+        start, end = max(start, lower), min(end, upper)
+        if start <= end:
+            if first > last:
+                first, last = start, end
+            first, last = min(first, start), max(last, end)
+    return first, last
+
+
+@checked
+def parabola_over(
+    a: float, b: float, c: float, lower: float, upper: float, eps: float
+) -> tuple[float, float]:
+    """Bounds on a + b t + c t^2 over [lower, upper], c = 0 or 1: the ends, and the foot in between."""
+    one, two = a + lower * (b + c * lower), a + upper * (b + c * upper)
+    low, high = min(one, two), max(one, two)
+    if c > 0.0 and lower < -0.5 * b < upper:
+        low = a - 0.25 * b * b
+    return low - eps * (1.0 + abs(b)), high + eps * (1.0 + abs(b))

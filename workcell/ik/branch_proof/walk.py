@@ -6,12 +6,12 @@ import numpy as np
 
 from workcell.ik.branch_proof.closure import Box, Robot
 from workcell.ik.branch_proof.lines import contract
-from workcell.ik.branch_proof.obstacles import Scene, collides
+from workcell.ik.branch_proof.obstacles import Scene, collides, touch
 from workcell.ik.branch_proof.vectors import entry
 from workcell.pose import Array
 
 PROVED, TOO_SHORT, TOO_LONG, BAD_NODE, BAD_SPLIT, BAD_PAIR, UNPROVED, TOO_DEEP = 0, 1, 2, 3, 4, 5, 6, 7
-KINEMATIC, OBSTACLE = -1.0, -2.0
+KINEMATIC, OBSTACLE, SPHERES = -1.0, -2.0, -3.0
 _DEPTH = 400
 
 
@@ -64,15 +64,20 @@ def walk(
                 return BAD_SPLIT, node
             if empty:
                 box.lower[joint], box.upper[joint] = 1.0, -1.0
-        elif code in (KINEMATIC, OBSTACLE):
-            if from_tree and code == OBSTACLE:
+        elif code in (KINEMATIC, OBSTACLE, SPHERES):
+            if from_tree and code != KINEMATIC:
                 if pair >= pairs.shape[1]:
                     return BAD_PAIR, node
                 s, o = pairs[0, pair], pairs[1, pair]
                 pair += 1
-                if not (0 <= s < scene.spheres.shape[0] and 0 <= o < scene.obstacles.shape[0]):
+                others = scene.obstacles.shape[0] if code == OBSTACLE else scene.spheres.shape[0]
+                if not (0 <= s < scene.spheres.shape[0] and 0 <= o < others):
                     return BAD_PAIR, node
-            if empty or (code == OBSTACLE and collides(robot, box, scene, int(s), int(o), clearance)):
+            if empty:
+                continue
+            if code == OBSTACLE and collides(robot, box, scene, int(s), int(o), clearance):
+                continue
+            if code == SPHERES and touch(robot, box, scene, int(s), int(o), clearance):
                 continue
             if spare == 0:
                 return UNPROVED, node

@@ -1,0 +1,138 @@
+"""Random descents towards planted solutions, compiled: millions of boxes that hold one, and no contractor may lose it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from workcell.ik.branch_kernels.invariants import contract_invariants, contract_through
+from workcell.ik.branch_kernels.linear import contract_linear
+from workcell.ik.branch_kernels.neighbours import contract_neighbours
+from workcell.ik.branch_kernels.obstacles import Sweep, find_blocked, find_touching
+from workcell.ik.branch_kernels.search import contract
+from workcell.ik.branch_kernels.state import Chain, State, kernel, recentre
+from workcell.ik.branch_kernels.world import World
+from workcell.ik.branch_proof.closure import Box, stand_at_centre
+from workcell.ik.branch_proof.closure import Robot as Proof
+from workcell.ik.branch_proof.linear import follow_closure
+from workcell.ik.branch_proof.lines import contract as prove
+from workcell.ik.branch_proof.lines import contract_lines
+from workcell.ik.branch_proof.obstacles import Scene, collides, touch
+from workcell.pose import Array
+
+EDGE = 1e-9
+"""Radians by which a planted angle may stick out of its box: the target of the test is itself rounded."""
+SEARCH = ("C1", "C2", "C3", "linear", "all")
+"""What of the search is tried, by its number."""
+CHECKER = ("lines", "linear", "all")
+"""What of the checker is tried, by its number."""
+FINEST = 1e-7
+"""Width of all joints at which a descent ends."""
+
+
+@kernel
+def seed(value: int) -> None:
+    """Seed the numbers of the compiled descents."""
+    np.random.seed(value)
+
+
+@kernel
+def cut(lower: Array, upper: Array, planted: Array) -> bool:
+    """Cut a box at random joints and places so that it still holds `planted`; False when it is small."""
+    joints = planted.shape[0]
+    share = 0.7 * np.random.random()
+    widest = 0.0
+    for k in range(1, joints - 1):
+        if np.random.random() < share:
+            continue
+        place = lower[k] + np.random.random() * (upper[k] - lower[k])
+        if np.random.random() < 0.2:
+            place = planted[k]
+        if place < planted[k] or (place == planted[k] and np.random.random() < 0.5):
+            lower[k] = place
+        else:
+            upper[k] = place
+    for k in range(1, joints - 1):
+        widest = max(widest, upper[k] - lower[k])
+    return widest > FINEST
+
+
+@kernel
+def lost(lower: Array, upper: Array, planted: Array) -> bool:
+    """Whether a box leaves the planted configuration out."""
+    out = False
+    for k in range(planted.shape[0]):
+        out = out or not (lower[k] - EDGE <= planted[k] <= upper[k] + EDGE)
+    return out
+
+
+@kernel
+def descend_search(
+    chain: Chain, world: World, state: State, sweep: Sweep, root: Array, planted: Array, which: int, boxes: int
+) -> tuple[int, int]:  # fmt: skip
+    """Descend until `boxes` have been tried; (boxes, 0), or (box, what) at the first loss.
+
+    What was lost: 1 by a contractor, 2 by an obstacle, 3 by two spheres. The box is left in `state`.
+    """
+    lower, upper = root[0].copy(), root[1].copy()
+    for box in range(boxes):
+        state.lower[:] = lower
+        state.upper[:] = upper
+        recentre(chain, state)
+        if which == 0:
+            kept = contract_neighbours(chain, state)
+        elif which == 1:
+            kept = contract_invariants(chain, state)
+        elif which == 2:
+            kept = contract_through(chain, state)
+        elif which == 3:
+            kept = contract_linear(chain, state)
+        else:
+            kept = contract(chain, state)
+        if not kept or lost(state.lower, state.upper, planted):
+            return box, 1
+        if find_blocked(chain, state, world, sweep, -1)[0] >= 0:
+            return box, 2
+        if find_touching(state, world)[0] >= 0:
+            return box, 3
+        lower[:] = state.lower
+        upper[:] = state.upper
+        if not cut(lower, upper, planted):
+            lower[:] = root[0]
+            upper[:] = root[1]
+            cut(lower, upper, planted)
+    return boxes, 0
+
+
+@kernel
+def descend_checker(
+    robot: Proof, scene: Scene, pairs: Array, box: Box, root: Array, planted: Array, which: int, boxes: int
+) -> tuple[int, int]:  # fmt: skip
+    """The same with the checker's contractors and collision tests."""
+    lower, upper = root[0].copy(), root[1].copy()
+    for count in range(boxes):
+        box.lower[:] = lower
+        box.upper[:] = upper
+        stand_at_centre(robot, box)
+        box.follow[0, 0] = 0.0
+        if which == 0:
+            kept = contract_lines(robot, box)
+        elif which == 1:
+            kept = follow_closure(robot, box)
+        else:
+            kept = prove(robot, box)
+        if not kept or lost(box.lower, box.upper, planted):
+            return count, 1
+        for s in range(scene.spheres.shape[0]):
+            for o in range(scene.obstacles.shape[0]):
+                if collides(robot, box, scene, s, o, 0.0):
+                    return count, 2
+        for p in range(pairs.shape[0]):
+            if touch(robot, box, scene, int(pairs[p, 0]), int(pairs[p, 1]), 0.0):
+                return count, 3
+        lower[:] = box.lower
+        upper[:] = box.upper
+        if not cut(lower, upper, planted):
+            lower[:] = root[0]
+            upper[:] = root[1]
+            cut(lower, upper, planted)
+    return boxes, 0

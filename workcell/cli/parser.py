@@ -96,7 +96,7 @@ def _add_models(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     decompose = _command(
         commands,
         "decompose",
-        "cover robot and obstacles with spheres and free space with cuboids, with their measured quality",
+        "cover robot and obstacles with spheres and free space with cuboids and polytopes, with their quality",
         "decompose shelf --robot sawyer --png shelf.png",
         _late("models", "decompose"),
     )
@@ -110,7 +110,8 @@ def _add_models(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
         help="of the spheres, metres (default: 0.02)",
     )
     decompose.add_argument("--out", metavar="FILE", help="write spheres, cuboids and metrics as JSON")
-    decompose.add_argument("--png", metavar="FILE", help="draw geometry, spheres and cuboids")
+    decompose.add_argument("--png", metavar="FILE", help="draw geometry, spheres and free space")
+    decompose.add_argument("--rrd", metavar="FILE", help="record geometry, spheres and free space for Rerun")
     _seed_option(decompose)
     _json_option(decompose)
 
@@ -160,15 +161,35 @@ def _add_solving(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     _json_option(solve)
 
+    plan = _command(
+        commands,
+        "plan",
+        "plan collision-free, proved paths for the problems of a set",
+        "plan panda_mbm_box.json --budget-s 1 --out paths.jsonl",
+        _late("planning", "plan"),
+    )
+    plan.add_argument("set", metavar="SET.json", help="a problem set whose problems have a start")
+    plan.add_argument(
+        "--budget-s", type=_not_negative, default=5.0, metavar="S", help="CPU seconds a problem (default: 5)"
+    )
+    plan.add_argument("--jobs", type=_positive_int, default=1, metavar="N", help="processes (default: 1)")
+    plan.add_argument(
+        "--out",
+        metavar="PATHS.jsonl",
+        help="write one JSON line a problem; without it only the table is printed",
+    )
+    _seed_option(plan)
+    _json_option(plan)
+
     verify = _command(
         commands,
         "verify",
-        "re-check the answers and certificates of a problem set without any solver",
+        "re-check the answers, certificates and paths of a problem set without any solver",
         "verify sawyer_workcell.json answers.jsonl",
         _late("solving", "verify"),
     )
     verify.add_argument("set", metavar="SET.json")
-    verify.add_argument("answers", metavar="ANSWERS.jsonl")
+    verify.add_argument("answers", metavar="ANSWERS.jsonl", help="what `solve` or `plan` wrote")
     _json_option(verify)
 
     bench = _command(

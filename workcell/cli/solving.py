@@ -126,11 +126,17 @@ def solve(options: argparse.Namespace) -> int:
 
 
 def verify(options: argparse.Namespace) -> int:
-    """Re-check answers; exit 1 when one was refused."""
+    """Re-check answers or paths; exit 1 when one was refused."""
+    from workcell.bench.paths import PathReport, holds_paths, verify_paths
     from workcell.bench.problems import load_problem_set
+    from workcell.bench.reports import VerifyReport
     from workcell.bench.runner import verify_answers
 
-    report = verify_answers(load_problem_set(Path(options.set)), Path(options.answers))
+    problem_set, answers = load_problem_set(Path(options.set)), Path(options.answers)
+    report: PathReport | VerifyReport
+    report = (
+        verify_paths(problem_set, answers) if holds_paths(answers) else verify_answers(problem_set, answers)
+    )
     if options.json:
         print_json(report.to_json())
     else:

@@ -130,3 +130,19 @@ def _largest_start(
     closing = gap_1 < -_SMALLEST
     ends: NDArray[np.float64] = gap_0[closing] / -gap_1[closing]
     return max(min(cap, float(ends.min(initial=np.inf))), 0.0)
+
+
+def rest_to_rest(corners: Array, velocity: Array, acceleration: Array) -> float:
+    """Seconds of the fastest motion along straight lines (k, n) that stands still at every corner.
+
+    On a line all joints share one s(t): it accelerates, cruises and brakes at the largest rates that the limits (n,) of
+    every joint allow.
+    """
+    total = 0.0
+    for step in np.abs(np.diff(corners, axis=0)):
+        moving = step > _SMALLEST
+        if moving.any():
+            speed = float(np.min(velocity[moving] / step[moving]))
+            rate = float(np.min(acceleration[moving] / step[moving]))
+            total += 1 / speed + speed / rate if speed * speed < rate else 2 / np.sqrt(rate)
+    return total

@@ -1,0 +1,35 @@
+"""`plan`: collision-free paths for problem sets."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from workcell.cli import exit_codes
+from workcell.cli.output import print_json, print_table, progress_bar
+
+
+def plan(options: argparse.Namespace) -> int:
+    """A whole problem set; exit 0 when every problem was processed."""
+    from workcell.bench.planner import plan_set
+    from workcell.bench.problems import load_problem_set
+    from workcell.ik.problem import Budget
+
+    problem_set = load_problem_set(Path(options.set))
+    out = Path(options.out) if options.out else None
+    with progress_bar(f"plan {Path(options.set).name}", len(problem_set.problems)) as bar:
+        summary = plan_set(
+            problem_set,
+            budget=Budget(options.budget_s),
+            seed=options.seed,
+            jobs=options.jobs,
+            out=out,
+            progress=bar.step,
+        )
+    if options.json:
+        print_json(summary.to_json())
+    else:
+        print_table(Path(options.set).name, ["", "value"], summary.rows())
+        if out:
+            print(f"wrote {out}")
+    return exit_codes.DONE

@@ -1,0 +1,1 @@
+"""Compiled kernels of planning and proof (see `workcell.jit`); callers import them when first used."""

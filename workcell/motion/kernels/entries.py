@@ -1,0 +1,27 @@
+"""What Python calls: every compiled entry point, and the structures and constants that go with them."""
+
+from workcell.motion.kernels.body import Body
+from workcell.motion.kernels.line import BLOCKED, PROVED, SPENT, TIGHT, gaps, prove_edges, prove_lines
+from workcell.motion.kernels.shorten import shorten
+from workcell.motion.kernels.tree import EDGES, FINEST, FULL, ITERATIONS, JOINED, LOOKS, OPEN, Trees, grow
+
+__all__ = [
+    "BLOCKED",
+    "EDGES",
+    "FINEST",
+    "FULL",
+    "ITERATIONS",
+    "JOINED",
+    "LOOKS",
+    "OPEN",
+    "PROVED",
+    "SPENT",
+    "TIGHT",
+    "Body",
+    "Trees",
+    "gaps",
+    "grow",
+    "prove_edges",
+    "prove_lines",
+    "shorten",
+]

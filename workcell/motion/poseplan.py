@@ -1,0 +1,231 @@
+"""A proved path from a configuration to a pose: goals by inverse kinematics, then the compiled search."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from workcell.errors import InputError
+from workcell.ik.hjcdik import collect_solutions
+from workcell.ik.hjcdik import prepare as prepare_goals
+from workcell.ik.problem import Budget, IKProblem
+from workcell.ik.result import IKResult, Status
+from workcell.ik.solve import solve
+from workcell.ik.verify import Verifier
+from workcell.motion.body import BodyClearance, Upright, kernels, pack_body
+from workcell.motion.ends import checked_end
+from workcell.motion.search import Effort, prepare, search
+from workcell.pose import Array, read_only
+
+if TYPE_CHECKING:
+    from workcell.motion.kernels.body import Body
+
+ROOM = 5e-4
+"""Metres that a path keeps clear where its ends do: what the proofs, ours and others', are easy with."""
+GOALS = 6
+"""Goal configurations of the first round; every further round has twice as many."""
+FIRST_ROUND = 0.1
+"""CPU seconds of the first round; every further round has twice as many."""
+KEEP = 0.5
+"""Share of the clearance that the final proof asks for as its margin."""
+
+
+@dataclass(frozen=True, slots=True)
+class PosePlan:
+    """A path to a pose, or why there is none.
+
+    Attributes:
+        status: SOLVED: there is a path, and its end was verified; UNREACHABLE, BLOCKED, BLOCKED_IN_MODEL: no
+            configuration reaches the pose, with the certificate in `ik`; NOT_FOUND: the budget was spent.
+        path: (k, n) corners, straight lines between, from the start to a configuration that solves the problem; or None.
+        proved: whether all of the path was proved clear.
+        margin: metres of clearance that were proved; nan without a path.
+        reason: what stood in the way, in words; empty when solved.
+        ik: the last answer of inverse kinematics, where it has none or a proof that there is none.
+        stats: CPU and wall seconds, samples drawn, lines tried, configurations looked at, goals.
+    """
+
+    status: Status
+    path: Array | None
+    proved: bool = False
+    margin: float = float("nan")
+    reason: str = ""
+    ik: IKResult | None = None
+    stats: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.path is not None:
+            object.__setattr__(self, "path", read_only(self.path))
+        object.__setattr__(self, "stats", MappingProxyType(dict(self.stats)))
+
+    @property
+    def solved(self) -> bool:
+        """Whether there is a path."""
+        return self.status is Status.SOLVED
+
+
+def plan_to_pose(
+    problem: IKProblem,
+    q_start: ArrayLike,
+    *,
+    budget: Budget | None = None,
+    seed: int = 0,
+    upright: Upright | None = None,
+    effort: Effort | None = None,
+) -> PosePlan:
+    """Bring the tool from `q_start` (n,) to the problem's target without touching anything on the way.
+
+    The robot is the problem's cover and the obstacles its pieces; a problem with its own judge (`checker`) is planned
+    by `workcell.motion.plan`. Same problem, budget and seed, same path, as far as the budget reaches.
+
+    Args:
+        budget: CPU seconds of this process, for goals, search and proof; default 5 s.
+        upright: keep an axis of the tool within a cone all along.
+        effort: how the search goes; its own time limit is overruled.
+
+    Raises:
+        InputError: a start of the wrong size, not finite, outside its limits, in collision (which pair, how deep,
+            and the nearest free configuration that was found), or tilted too far already.
+    """
+    prepare()
+    prepare_goals(refinement=False)
+    return _Query(problem, q_start, budget or Budget(), seed, upright, effort or Effort()).run()
+
+
+class _Query:
+    """One query: rounds of goals and search, each with twice the means of the one before."""
+
+    def __init__(
+        self,
+        problem: IKProblem,
+        q_start: ArrayLike,
+        budget: Budget,
+        seed: int,
+        upright: Upright | None,
+        effort: Effort,
+    ) -> None:
+        if problem.checker is not None:
+            raise InputError(
+                "the problem has a judge of its own",
+                where="problem",
+                remedy="motion.plan.plan takes a checker",
+            )
+        self.wall, self.cpu = time.perf_counter(), time.process_time()
+        self.problem, self.seed, self.effort, self.budget = problem, seed, effort, budget
+        self.body = pack_body(
+            problem.robot,
+            problem.cover,
+            problem.obstacles,
+            self_pairs=problem.self_collision,
+            upright=upright,
+        )
+        self.clearance = BodyClearance(self.body, problem.cover, problem.obstacles)
+        self.start, gap = checked_end(problem.robot, q_start, self.clearance, "start", upright=upright)
+        self.floor = min(ROOM, 0.5 * gap)
+        self.upright, self.judge = upright, Verifier(problem)
+        self.goals: list[Array] = []
+        self.goal_seed = 1_000_000 * seed
+        self.spent = {"iterations": 0.0, "lines": 0.0, "looks": 0.0, "rounds": 0.0}
+
+    def left(self) -> float:
+        """CPU seconds that may still be spent."""
+        return self.budget.cpu_s - (time.process_time() - self.cpu)
+
+    def run(self) -> PosePlan:
+        reason = "the budget was spent"
+        while self.left() > 0 or self.spent["rounds"] == 0:
+            self.more_goals()
+            if not self.goals:
+                return self.without_goals()
+            goals = np.stack(self.goals)
+            scale = 2.0 ** self.spent["rounds"]
+            self.spent["rounds"] += 1
+            body = self.body._replace(floor=self.floor)
+            effort = replace(self.effort, cpu_s=min(max(self.left(), 0.0), FIRST_ROUND * scale))
+            found = search(body, self.start, goals, effort, self.seed + int(scale) - 1)
+            self.spent["iterations"] += found.iterations
+            self.spent["lines"] += found.lines
+            self.spent["looks"] += found.looks
+            reason = f"none of {len(goals)} goal configurations was reached with {int(self.spent['lines'])} lines tried"
+            if found.path is not None:
+                return self.proved(body, found.path)
+        return self.result(Status.NOT_FOUND, None, reason=reason)
+
+    def more_goals(self) -> None:
+        """Goal configurations from as many fresh seeds as there are goals, those with room to spare if there are any.
+
+        The first solution of each seed is taken: later ones of a seed come along one self-motion curve and lie close
+        to each other, where all of them may be walled in.
+        """
+        allowed = self.problem.tolerances
+        roomy = replace(
+            self.problem, tolerances=replace(allowed, safety_margin=allowed.safety_margin + 2 * ROOM)
+        )
+        for question in (roomy, self.problem):
+            deadline = time.process_time() + 0.3 * max(self.left(), 0.0)
+            for _ in range(max(GOALS, len(self.goals))):
+                share = deadline - time.process_time()
+                self.goal_seed += 1
+                rows = collect_solutions(question, 1, self.goal_seed, Budget(max(share, 0.0)))
+                self.goals += [q for q in rows if self.judge(q).accepted and self.allowed(q)]
+                if not rows:
+                    # what one seed does not find within its share the next would look for in vain
+                    break
+            if self.goals:
+                gap = float(self.clearance.many(np.stack(self.goals)).min())
+                self.floor = min(self.floor, 0.5 * max(gap, 0.0))
+                return
+
+    def allowed(self, q: Array) -> bool:
+        """Whether the tool's orientation limit holds at a goal."""
+        if self.upright is None:
+            return True
+        return self.upright.kept(self.problem.robot, q)
+
+    def without_goals(self) -> PosePlan:
+        """Nothing to plan to: let the whole portfolio say whether the pose can be reached at all."""
+        result = solve(self.problem, budget=Budget(max(self.left(), 0.0)), seed=self.seed)
+        reason = f"no goal configuration: {result.status.sentence}"
+        if result.solved:
+            return self.result(
+                Status.NOT_FOUND,
+                None,
+                reason="the only goal configuration found breaks the tool's orientation limit, or came too late",
+            )
+        return self.result(result.status, None, reason=reason, ik=result)
+
+    def proved(self, body: Body, path: Array) -> PosePlan:
+        """The path with its margin, after one more proof of all of it and the judge's word on its end."""
+        out = np.empty(7)
+        entries = kernels()
+        code = entries.prove_lines(body, path, KEEP, 1e-7, 100_000, out)
+        if code != entries.PROVED or not self.judge(path[-1]).accepted:
+            # can't happen: every line was proved, and every goal judged, before
+            return self.result(
+                Status.SOLVER_ERROR, None, reason="the path that was found does not pass its proof"
+            )
+        return self.result(Status.SOLVED, path, proved=True, margin=float(out[2]))
+
+    def result(
+        self,
+        status: Status,
+        path: Array | None,
+        *,
+        proved: bool = False,
+        margin: float = float("nan"),
+        reason: str = "",
+        ik: IKResult | None = None,
+    ) -> PosePlan:
+        stats = {
+            **self.spent,
+            "goals": float(len(self.goals)),
+            "cpu_s": time.process_time() - self.cpu,
+            "time_s": time.perf_counter() - self.wall,
+        }
+        return PosePlan(status, path, proved, margin, reason, ik, stats)

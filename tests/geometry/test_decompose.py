@@ -21,7 +21,7 @@ def decomposition(tmp_path_factory):
     path.write_text(CELL)
     steps = []
     result = decompose(Scene.load(path, robot="ur10"), overshoot=0.04, progress=lambda: steps.append(1))
-    assert len(steps) == 4
+    assert len(steps) == 5
     return result
 
 
@@ -31,7 +31,10 @@ def test_everything_is_proved_and_measured(decomposition):
     assert metrics["robot_overshoot_max_m"] <= 0.04 + 1e-9
     assert metrics["covered_fraction"] > 0.5
     assert metrics["cuboids"] == len(decomposition.free_space) > 0
-    assert decomposition.free_space.covered_fraction == metrics["covered_fraction"]
+    assert (
+        decomposition.free_space.covered_fraction == metrics["covered_fraction"] >= metrics["cuboid_fraction"]
+    )
+    assert metrics["polytopes"] == len(decomposition.free_space.polytopes)
 
 
 def test_json_is_in_the_world_and_covers_robot_and_obstacles(decomposition):

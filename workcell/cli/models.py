@@ -182,7 +182,7 @@ def decompose(options: argparse.Namespace) -> int:
     from workcell.model.scene import Scene
     from workcell.record.summary import check_writable, write_json_atomic
 
-    for path in filter(None, (options.out, options.png)):
+    for path in filter(None, (options.out, options.png, options.rrd)):
         check_writable(path)
     scene = Scene.load(options.cell, robot=options.robot)
     with progress_bar("decompose", 5) as bar:
@@ -194,12 +194,16 @@ def decompose(options: argparse.Namespace) -> int:
         from workcell.record.decompose_picture import draw_decomposition
 
         draw_decomposition(result, Path(options.png))
+    if options.rrd:
+        from workcell.record.decompose_recording import record_decomposition
+
+        record_decomposition(result, scene, Path(options.rrd))
     if options.json:
         print_json(document)
     else:
         rows = [_metric(name, value) for name, value in document["metrics"].items()]
         print_table(f"Decomposition of {scene.name}", ["metric", "value"], rows)
-        for path in (options.out, options.png):
+        for path in (options.out, options.png, options.rrd):
             if path:
                 print(f"wrote {path}")
     return exit_codes.DONE

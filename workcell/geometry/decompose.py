@@ -33,6 +33,7 @@ class Decomposition:
 
     Attributes:
         scene: name of the scene.
+        robot_name: name of the robot in the scene.
         robot: its kinematics.
         q: (n,) the configuration drawn: the robot's start.
         robot_pieces: all of the robot's colliding geometry, in the world at `q`.
@@ -44,6 +45,7 @@ class Decomposition:
     """
 
     scene: str
+    robot_name: str
     robot: Robot
     q: Array
     robot_pieces: tuple[Piece, ...]
@@ -146,7 +148,16 @@ def decompose(
     placed = [move_piece(piece, pose) for pose, link in zip(poses, links, strict=True) for piece in link]
     measured = replace(free_space, covered_fraction=held.in_any)
     return Decomposition(
-        scene.name, kinematics, q, tuple(placed), obstacles, cover, around, measured, metrics | times
+        scene.name,
+        actor.name,
+        kinematics,
+        q,
+        tuple(placed),
+        obstacles,
+        cover,
+        around,
+        measured,
+        metrics | times,
     )
 
 

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from workcell.errors import InputError
 from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.ellipsoid import Ellipsoid, facing, largest_ellipsoid
+from workcell.geometry.polytope import Polytope, hull_of
 from workcell.geometry.separation import support
 from workcell.geometry.types import FreePolytope, Piece
 from workcell.pose import Array
@@ -62,6 +63,15 @@ def inflate_polytope(seed: ArrayLike, obstacles: Sequence[Piece], bounds: ArrayL
     if best is None:
         return None
     return _proved(*best, obstacles)
+
+
+def solid_of(polytope: FreePolytope) -> Polytope:
+    """Corners, edges and triangles of a free polytope."""
+    from scipy.spatial import HalfspaceIntersection
+
+    middle = largest_ellipsoid(polytope.A, polytope.b).centre
+    planes = np.column_stack([polytope.A, -polytope.b])
+    return hull_of(HalfspaceIntersection(planes, middle).intersections, "free polytope")
 
 
 def _planes_around(ellipsoid: Ellipsoid, obstacles: Sequence[Piece], box: Array) -> tuple[Array, Array]:

@@ -56,7 +56,8 @@ def make_blueprint(
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Tabs(
-                view("the run", [*spheres, "- /world/free_space/**"]), view("what the planner sees", visual)
+                view("the run", [*spheres, "- /world/obstacle_spheres/**", "- /world/free_space/**"]),
+                view("what the planner sees", visual),
             ),
             rrb.Vertical(*plots, rrb.Tabs(events, result)),
             column_shares=[3, 2],

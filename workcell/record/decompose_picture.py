@@ -1,4 +1,4 @@
-"""A picture of a decomposition: geometry, spheres and cuboids, each from two sides. Needs no graphics card."""
+"""A picture of a decomposition: geometry, spheres and free space, each from two sides. Needs no graphics card."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from workcell.errors import OutputError
 from workcell.geometry.decompose import Decomposition
+from workcell.geometry.iris import solid_of
 from workcell.geometry.polytope import polytope_of
 from workcell.geometry.types import Piece
 from workcell.pose import Array
@@ -20,11 +21,11 @@ if TYPE_CHECKING:
 _VIEWS = (("from the side", 0, 2, 1.0), ("from above", 0, 1, 1.0))
 """Title, horizontal and vertical world axis, and the sign of the missing axis that points at the viewer."""
 
-_ROBOT, _OBSTACLE = "#d1600a", "#5b6b7a"
+_ROBOT, _OBSTACLE, _POLYTOPE = "#d1600a", "#5b6b7a", "#b02a6b"
 
 
 def draw_decomposition(decomposition: Decomposition, path: str | Path) -> None:
-    """Write a PNG with six panels: geometry, spheres and cuboids, each seen from the side and from above.
+    """Write a PNG with six panels: geometry, spheres and free space, each seen from the side and from above.
 
     Raises:
         OutputError: the file can't be written.
@@ -44,7 +45,7 @@ def draw_decomposition(decomposition: Decomposition, path: str | Path) -> None:
     figure.suptitle(
         f"{decomposition.scene}: {metrics['robot_spheres']} spheres on the arm, {metrics['base_spheres']} on its base, "
         f"{metrics['obstacle_spheres']} on obstacles (at most {1e3 * metrics['robot_overshoot_max_m']:.0f} mm outside); "
-        f"{metrics['cuboids']} cuboids that hold {100 * metrics['covered_fraction']:.1f} % of the free workspace",
+        f"{metrics['cuboids']} cuboids and {metrics['polytopes']} polytopes that hold {100 * metrics['covered_fraction']:.1f} % of the free workspace",
         fontsize=14,
     )
     try:
@@ -74,7 +75,8 @@ def _draw_spheres(axes: Axes, d: Decomposition, across: int, up: int, sign: floa
 
 
 def _draw_cuboids(axes: Axes, d: Decomposition, across: int, up: int, sign: float) -> str:
-    from matplotlib.patches import Rectangle
+    from matplotlib.patches import Polygon, Rectangle
+    from scipy.spatial import ConvexHull
 
     _draw_outlines(axes, d.obstacles, across, up, sign, face=_OBSTACLE, alpha=0.35)
     for number, (low, high) in enumerate(zip(d.free_space.lower, d.free_space.upper, strict=True)):
@@ -90,6 +92,11 @@ def _draw_cuboids(axes: Axes, d: Decomposition, across: int, up: int, sign: floa
                 (low[across], low[up]), size[across], size[up], fill=False, edgecolor=colour, linewidth=1.8
             )
         )
+    for polytope in d.free_space.polytopes:
+        flat = solid_of(polytope).vertices[:, [across, up]]
+        outline = flat[ConvexHull(flat).vertices]
+        axes.add_patch(Polygon(outline, facecolor=_POLYTOPE, edgecolor=_POLYTOPE, alpha=0.16))
+        axes.add_patch(Polygon(outline, fill=False, edgecolor=_POLYTOPE, linewidth=1.8))
     _draw_outlines(axes, d.robot_pieces, across, up, sign, face=_ROBOT, alpha=0.5)
     return "Free space"
 

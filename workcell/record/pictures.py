@@ -148,10 +148,10 @@ def planner_view(review: Review) -> Figure:
     sheet.text(
         12,
         52,
-        "blue: sphere cover of the robot; green: cuboids proved free; blue line: planned path",
+        "blue: sphere cover of the robot; green: cuboids and polytopes proved free; blue line: planned path",
         size=11,
     )
-    sheet.tile(studio.picture(0.0, ("free_space", "spheres")), (12, 72))
+    sheet.tile(studio.picture(0.0, ("free_space", "spheres", "obstacle_spheres")), (12, 72))
     for k, (name, pose) in enumerate(review.stage.goals.items()):
         sheet.label(name, studio.place(pose.position), (12, 72), k)
     return sheet.figure

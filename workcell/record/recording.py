@@ -20,6 +20,7 @@ from workcell.pose import Array, Pose
 from workcell.record import scenery
 from workcell.record.blueprint import make_blueprint
 from workcell.record.rrd import RrdWriter, entity, writing
+from workcell.record.shapes import polytope_shape
 from workcell.record.summary import to_json
 from workcell.record.tracks import BodyPoses, Track
 
@@ -40,6 +41,7 @@ _PLAN_RGBA = (0.15, 0.45, 0.95, 1.0)
 _TRACE_RGBA = (0.95, 0.55, 0.05, 1.0)
 _SPHERE_RGBA = (0.20, 0.60, 0.85, 0.35)
 _NEAREST_RGBA = (0.90, 0.10, 0.15, 1.0)
+_OBSTACLE_RGBA = (0.36, 0.42, 0.48, 0.25)
 _FREE_RGBA = (0.25, 0.75, 0.35, 0.12)
 
 
@@ -183,9 +185,19 @@ class Recording:
         self.flush()
 
     def log_free_space(self, free_space: FreeSpace) -> None:
-        """The cuboids, each with its number."""
+        """The cuboids, each with its number, and then the polytopes."""
         for index, (lower, upper) in enumerate(zip(free_space.lower, free_space.upper, strict=True)):
             self._writer.log_box(f"world/free_space/{index}", lower, upper, _FREE_RGBA)
+        for index, polytope in enumerate(free_space.polytopes, start=len(free_space)):
+            shape = polytope_shape(polytope, np.array(_FREE_RGBA))
+            self._writer.log_shape(f"world/free_space/{index}", shape)
+        self.flush()
+
+    def log_obstacle_cover(self, cover: SphereCover) -> None:
+        """Spheres of obstacles, in the world frame."""
+        self._writer.log_spheres(
+            "world/obstacle_spheres/all", cover.centre, cover.radius, _OBSTACLE_RGBA, "world"
+        )
         self.flush()
 
     def log_goal(self, goal: Goal) -> None:

@@ -13,6 +13,8 @@ from workcell.pose import Array, Pose
 if TYPE_CHECKING:
     import mujoco
 
+    from workcell.geometry.types import FreePolytope
+
 ShapeKind = Literal["box", "ellipsoid", "capsule", "cylinder", "plane", "mesh"]
 
 PLANE_HALF_SIZE = 3.0
@@ -45,6 +47,21 @@ class Shape:
     vertices: Array | None = None
     normals: Array | None = None
     faces: NDArray[np.int64] | None = None
+
+
+def polytope_shape(polytope: FreePolytope, rgba: Array) -> Shape:
+    """A polytope of free space as a mesh in the world frame, flat on its sides."""
+    from workcell.geometry.iris import solid_of
+
+    solid = solid_of(polytope)
+    corners = solid.vertices[solid.triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = np.einsum("ij,ij->i", normal, corners.mean(axis=1) - solid.vertices.mean(axis=0)) < 0
+    corners[inward], normal[inward] = corners[inward][:, ::-1], -normal[inward]
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    faces = np.arange(3 * len(corners), dtype=np.int64).reshape(-1, 3)
+    points, normals = corners.reshape(-1, 3), np.repeat(normal, 3, axis=0)
+    return Shape("", "mesh", np.ones(3), Pose.identity(), rgba, points, normals, faces)
 
 
 def geom_shape(model: mujoco.MjModel, geom: int) -> Shape | None:

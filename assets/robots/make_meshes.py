@@ -74,6 +74,14 @@ def barrel(
     return turned(start, end, profile)
 
 
+def dome(start: ArrayLike, end: ArrayLike, radius: float, share: float = 1.0) -> trimesh.Trimesh:
+    """A cylinder from `start` that ends at `end` in a half ball; `share` < 1: only that share of the half ball's angle."""
+    length = float(np.linalg.norm(np.subtract(end, start)))
+    turn = np.linspace((1 - share) * np.pi / 2, np.pi / 2, 7)
+    cap = [(length - radius * (1 - np.sin(t)), max(radius * np.cos(t), 1e-4)) for t in turn]
+    return turned(start, end, cap if share < 1 else [(0.0, radius), *cap])
+
+
 def disc(start: ArrayLike, end: ArrayLike, radius: float) -> trimesh.Trimesh:
     """A thin plate or cap with a small chamfer on its edge."""
     return barrel(
@@ -161,8 +169,8 @@ def sawyer() -> dict[str, list[trimesh.Trimesh]]:
             disc([0, 0, 0.295], [0, 0, 0.311], 0.05),
         ],
         "head": [
-            barrel([0, 0, -0.027], [0, 0, 0.05], 0.04),
-            rounded_box([-0.041, -0.128, 0.02], [0.037, 0.128, 0.2335], 0.025),
+            barrel([0, 0, -0.027], [0, 0, 0.2335], 0.04),
+            rounded_box([-0.04, -0.128, 0.01], [0.029, 0.128, 0.19], 0.015),
         ],
         "right_l1_shell": [
             barrel([0, 0, 0.002], [0, 0, 0.178], 0.068, 0.018),
@@ -218,8 +226,10 @@ def ur10() -> dict[str, list[trimesh.Trimesh]]:
         "upper_arm_link_shell": [
             barrel([0, -0.133, 0], [0, 0.022, 0], 0.0752, 0.012),
             barrel([0, -0.1035, 0.612], [0, -0.005, 0.612], 0.0622, 0.01),
+            barrel([0, -0.0445, 0], [0, -0.0445, 0.095], 0.0745, 0.012),
+            barrel([0, -0.0445, 0.54], [0, -0.0445, 0.612], 0.0585, 0.008),
         ],
-        "upper_arm_link_tube": [barrel([0, -0.0445, 0.03], [0, -0.0445, 0.6], 0.0585, 0.003, waist=0.002)],
+        "upper_arm_link_tube": [barrel([0, -0.0445, 0.03], [0, -0.0445, 0.6], 0.0545, 0.003)],
         "upper_arm_link_cap": [
             barrel([0, 0.005, 0], [0, 0.042, 0], 0.072, 0.015),
             barrel([0, -0.02, 0.612], [0, 0.0154, 0.612], 0.0595, 0.013),
@@ -227,10 +237,9 @@ def ur10() -> dict[str, list[trimesh.Trimesh]]:
         "forearm_link_shell": [
             barrel([0, -0.05, 0], [0, 0.066, 0], 0.0601, 0.01),
             barrel([0, -0.038, 0.5723], [0, 0.0605, 0.5723], 0.047, 0.008),
+            barrel([0, 0, 0], [0, 0, 0.078], 0.058, 0.012),
         ],
-        "forearm_link_tube": [
-            turned([0, 0, 0.02], [0, 0, 1], [(0, 0.047), (0.1, 0.0465), (0.53, 0.0425), (0.55, 0.0425)])
-        ],
+        "forearm_link_tube": [turned([0, 0, 0.02], [0, 0, 1], [(0, 0.0438), (0.55, 0.0438)])],
         "forearm_link_cap": [
             barrel([0, -0.0688, 0], [0, -0.035, 0], 0.0575, 0.013),
             barrel([0, -0.0548, 0.5723], [0, -0.025, 0.5723], 0.0445, 0.01),
@@ -274,16 +283,16 @@ def iiwa14() -> dict[str, list[trimesh.Trimesh]]:
             ),
             rounded_box([-0.135, -0.055, 0.012], [-0.03, 0.055, 0.11], 0.015),
         ],
-        "link1": _shell_link(0.0855, 0.08, 0.2025, (-0.067, -0.112), 0.0852),
-        "link1_lid": [disc([0, -0.1105, 0.2025], [0, -0.1155, 0.2025], 0.07)],
-        "link2": _housing_link(0.0855, (-0.0655, 0.1285), 0.0745, 0.068, 0.196),
-        "link2_lid": [disc([0, 0, 0.127], [0, 0, 0.132], 0.07)],
-        "link3": _shell_link(0.068, 0.075, 0.2155, (0.069, 0.111), 0.0678),
-        "link3_lid": [disc([0, 0.1095, 0.2155], [0, 0.1144, 0.2155], 0.055)],
-        "link4": _housing_link(0.068, (-0.0675, 0.111), 0.0675, 0.067, 0.176),
-        "link4_lid": [disc([0, 0, 0.1095], [0, 0, 0.1144], 0.055)],
-        "link5": _shell_link(0.068, 0.06, 0.2155, (0.0685, 0.0955), 0.0513),
-        "link5_lid": [disc([0, 0.094, 0.2155], [0, 0.0989, 0.2155], 0.041)],
+        "link1": _shell_link(0.0855, 0.08, 0.2025, (0, -0.1152), 0.0852),
+        "link1_lid": [dome([0, 0, 0.2025], [0, -0.1157, 0.2025], 0.0855, 0.55)],
+        "link2": _housing_link(0.0855, 0.1316, 0.068, 0.068, 0.196),
+        "link2_lid": [dome([0, 0, 0], [0, 0, 0.1321], 0.0858, 0.55)],
+        "link3": _shell_link(0.068, 0.075, 0.2155, (0, 0.1142), 0.0677),
+        "link3_lid": [dome([0, 0, 0.2155], [0, 0.1146, 0.2155], 0.068, 0.55)],
+        "link4": _housing_link(0.068, 0.1142, 0.0675, 0.067, 0.176),
+        "link4_lid": [dome([0, 0, 0], [0, 0, 0.1146], 0.0684, 0.55)],
+        "link5": _shell_link(0.068, 0.06, 0.2155, (0.045, 0.0985), 0.0512),
+        "link5_lid": [dome([0, 0.045, 0.2155], [0, 0.099, 0.2155], 0.0515, 0.55)],
         "link6": [
             barrel([0, 0, -0.066], [0, 0, 0.0665], 0.066, 0.022),
             turned(
@@ -323,9 +332,9 @@ def iiwa14() -> dict[str, list[trimesh.Trimesh]]:
 def _shell_link(
     radius: float, rise: float, joint_z: float, shell_y: tuple[float, float], shell_radius: float
 ) -> list[trimesh.Trimesh]:
-    """An odd link: a column about z that bends sideways and ends as a lid-like shell beside the next joint."""
+    """An odd link: a column about z that bends sideways and ends as a domed shell around the next joint's axis."""
     inner, outer = shell_y
-    middle, half = (inner + outer) / 2, abs(outer - inner) / 2
+    middle = outer - np.sign(outer) * 0.85 * shell_radius
     bend = tube(
         [
             (0, 0.004),
@@ -343,29 +352,34 @@ def _shell_link(
             0.8 * shell_radius,
             0.9 * shell_radius,
         ],
-        [radius - 0.0005, radius - 0.0005, radius - 0.001, 0.68 * radius, 1.05 * half, 0.9 * half],
+        [
+            radius - 0.0005,
+            radius - 0.0005,
+            radius - 0.001,
+            0.7 * radius,
+            0.7 * shell_radius,
+            0.7 * shell_radius,
+        ],
     )
-    return [bend, barrel([0, inner, joint_z], [0, outer, joint_z], shell_radius, 0.6 * half)]
+    return [bend, dome([0, inner, joint_z], [0, outer, joint_z], shell_radius)]
 
 
 def _housing_link(
-    radius: float, housing_z: tuple[float, float], column_radius: float, end_radius: float, column_end: float
+    radius: float, top: float, column_radius: float, end_radius: float, column_end: float
 ) -> list[trimesh.Trimesh]:
-    """An even link: a housing about z that narrows into a column along y."""
-    low, high = housing_z
-    centre = (low + high) / 2
+    """An even link: a domed housing about z that narrows into a column along y."""
     neck = tube(
         [
-            (0, centre),
-            (0.3 * column_end, 0.75 * centre),
-            (0.65 * column_end, 0.12 * centre),
+            (0, 0.45 * top),
+            (0.3 * column_end, 0.33 * top),
+            (0.65 * column_end, 0.06 * top),
             (0.85 * column_end, 0),
             (column_end, 0),
         ],
         [0.93 * radius, 0.84 * radius, 0.98 * column_radius, column_radius, end_radius],
-        [0.9 * (high - low) / 2, 0.85 * radius, 0.98 * column_radius, column_radius, end_radius],
+        [0.5 * top, 0.85 * radius, 0.98 * column_radius, column_radius, end_radius],
     )
-    return [barrel([0, 0, low], [0, 0, high], radius, 0.02), neck]
+    return [dome([0, 0, 0], [0, 0, top], radius), neck]
 
 
 def gripper() -> dict[str, list[trimesh.Trimesh]]:

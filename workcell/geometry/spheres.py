@@ -75,7 +75,7 @@ def check_overshoot(overshoot: float) -> None:
 _covers: dict[str, tuple[Array, Array, Array]] = {}
 """Covers already made or read, by content: a task asks for those of the same robot more than once."""
 
-_LARGE, _LARGE_UNION = 50, 90
+_LARGE, _LARGE_UNION = 300, 1000
 """Balls beyond which a piece is cut into cells, and a union covered piece by piece: the search pays on small things."""
 
 

@@ -29,8 +29,12 @@ def check_certificate(problem: IKProblem, certificate: Certificate) -> str | Non
         from workcell.ik.branch_check import check_branch
 
         return check_branch(problem, certificate)
+    if certificate.kind == "cidgik":
+        from workcell.ik.cidgik_certificate import check_cidgik
+
+        return check_cidgik(problem, certificate)
     if certificate.kind not in ("reach", "last_link"):
-        return f"proofs of kind {certificate.kind!r} are unknown (known: branch, farkas, last_link, reach)"
+        return f"proofs of kind {certificate.kind!r} are unknown (known: branch, cidgik, farkas, last_link, reach)"
     if certificate.problem_hash != problem_hash(problem):
         return "the certificate belongs to another problem"
     if certificate.kind == "last_link":

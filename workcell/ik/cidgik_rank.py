@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workcell.ik.cidgik_relaxation import Instance
+from workcell.ik.cidgik_instance import Instance
 from workcell.pose import Array
 
 RANK_GAP = 1e-5

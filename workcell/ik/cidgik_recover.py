@@ -2,31 +2,49 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from workcell.ik.cidgik_relaxation import Instance
-from workcell.pose import Array, axis_angle_to_matrix
+from workcell.ik.cidgik_instance import Instance
+from workcell.ik.cidgik_skeleton import Skeleton
+from workcell.remember import ByIdentity
+from workcell.pose import Array
+
+_tables = ByIdentity()
 
 
 def joint_angles(instance: Instance, X: Array) -> Array:
-    """(n,) angles in (-pi, pi] of the configuration with basis X (r, d); a posed link's directions are the goal's."""
+    """(n,) angles in (-pi, pi] of the configuration with basis X (r, d).
+
+    Joint by joint, with the link before known, the angle about the axis z that best takes the link's directions b0 at
+    angle zero to the found ones b: atan2(sum z . (b0 x b), sum of products across the axis). A posed link's directions
+    are the goal's, so the last angle is read off the goal frame.
+    """
     structure = instance.structure
-    skeleton, reduction = structure.skeleton, structure.reduction
-    robot, d = skeleton.robot, skeleton.dimension
-    columns = np.vstack([X, np.eye(d)])
+    skeleton, directions = structure.skeleton, structure.reduction.directions
+    robot = skeleton.robot
+    columns = np.vstack([X, np.eye(skeleton.dimension)]) @ skeleton.plane
     rotation = np.empty((robot.dof + 1, 3, 3))
     rotation[0] = np.eye(3)
     q = np.zeros(robot.dof)
-    for joint in range(robot.dof):
+    tables: list[tuple[Array, ...]] = _tables.get((skeleton,), lambda: _per_joint(skeleton))
+    for joint, (across, side, K, squared) in enumerate(tables):
         before = rotation[int(robot.parents[joint])] @ robot.joint_rotation[joint]
-        world = reduction.directions[joint + 1].at(instance.G) @ columns @ skeleton.plane
-        q[joint] = _angle(robot.axis[joint], skeleton.basis[joint + 1], before.T @ world.T)
-        rotation[joint + 1] = before @ axis_angle_to_matrix(robot.axis[joint], q[joint])
+        turned = before.T @ (directions[joint + 1].at(instance.G) @ columns).T
+        q[joint] = math.atan2(float((side * turned).sum()), float((across * turned).sum()))
+        rotation[joint + 1] = before @ (
+            np.eye(3) + math.sin(q[joint]) * K + (1.0 - math.cos(q[joint])) * squared
+        )
     return q
 
 
-def _angle(axis: Array, zero: Array, turned: Array) -> float:
-    """Angle about `axis` that best takes directions zero (3, s) to turned (3, s)."""
-    sine = float(np.sum(axis[:, None] * np.cross(zero, turned, axis=0)))
-    cosine = float(np.sum(zero * turned) - (axis @ zero) @ (axis @ turned))
-    return float(np.arctan2(sine, cosine))
+def _per_joint(skeleton: Skeleton) -> list[tuple[Array, ...]]:
+    """For each joint: its link's directions without the part along the axis, z x them, and [z]x and its square."""
+    tables = []
+    for joint in range(skeleton.robot.dof):
+        z = skeleton.robot.axis[joint]
+        K = np.array([[0.0, -z[2], z[1]], [z[2], 0.0, -z[0]], [-z[1], z[0], 0.0]])
+        zero = skeleton.basis[joint + 1]
+        tables.append((-K @ K @ zero, K @ zero, K, K @ K))
+    return tables

@@ -8,6 +8,7 @@ unit vectors and of the goals' columns; only the independent ones become variabl
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,6 +42,18 @@ class Vectors:
         for name in ("alpha", "base", "goal"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
+    def one(self, k: int) -> Vectors:
+        """The k-th of some vectors."""
+        return Vectors(self.alpha[k], self.base[k], self.goal[k])
+
+    def part(self, start: int, stop: int | None) -> Vectors:
+        """Those from `start` to `stop`."""
+        return Vectors(self.alpha[start:stop], self.base[start:stop], self.goal[start:stop])
+
+    def plus(self, other: Vectors) -> Vectors:
+        """Their sum."""
+        return Vectors(self.alpha + other.alpha, self.base + other.base, self.goal + other.goal)
+
     def mix(self, weights: Array) -> Vectors:
         """Combinations (..., m) of these m vectors."""
         return Vectors(weights @ self.alpha, weights @ self.base, weights @ self.goal)
@@ -48,6 +61,15 @@ class Vectors:
     def at(self, G: Array) -> Array:
         """(..., r + d) coefficients over [X; I] for the goals' columns G (g, d)."""
         return np.concatenate([self.alpha, self.base + self.goal @ G], axis=-1)
+
+
+def stack(vectors: Sequence[Vectors], like: Vectors) -> Vectors:
+    """Single vectors as one `Vectors` (t, ...); `like` gives the widths where there are none."""
+    parts = []
+    for name in ("alpha", "base", "goal"):
+        width = getattr(like, name).shape[-1]
+        parts.append(np.array([getattr(v, name) for v in vectors]).reshape(-1, width))
+    return Vectors(*parts)
 
 
 class Reduction:
@@ -78,14 +100,9 @@ class Reduction:
         vectors = Vectors(alpha, rest[:, :d], rest[:, d:])
         first = int(self._starts[-1])
         self.directions = [
-            Vectors(
-                vectors.alpha[a:b],
-                vectors.base[a:b],
-                vectors.goal[a:b],
-            )
-            for a, b in zip(self._starts[:-1], self._starts[1:], strict=True)
+            vectors.part(a, b) for a, b in zip(self._starts[:-1], self._starts[1:], strict=True)
         ]
-        self.origins = Vectors(vectors.alpha[first:], vectors.base[first:], vectors.goal[first:])
+        self.origins = vectors.part(first, None)
         self._chosen = columns
 
     def _values(self, T: Array) -> Array:
@@ -106,11 +123,25 @@ class Reduction:
 
     def point(self, link: int, local: Array) -> Vectors:
         """A point (3,) of a link, within the span of its basis."""
-        moved = self.direction(link, local)
-        origin = self.origins
-        return Vectors(
-            origin.alpha[link] + moved.alpha, origin.base[link] + moved.base, origin.goal[link] + moved.goal
-        )
+        return self.origins.one(link).plus(self.direction(link, local))
+
+    def points(self, links: Sequence[int], local: Array) -> Vectors:
+        """Several points, (m,) links and (m, 3) places in them."""
+        return stack([self.point(int(k), c) for k, c in zip(links, local, strict=True)], self.origins)
+
+    def columns_at(self, q: Array) -> Array:
+        """The goals' columns (g, d) if the robot stood at q (n,)."""
+        columns: Array = _goal_columns_of(self.skeleton, _base_transforms(self.skeleton, q[None]))[0]
+        return columns
+
+    def bounds(self) -> Array:
+        """(r,) an upper bound of each basis vector's length: one for directions, the chain's length for origins."""
+        robot = self.skeleton.robot
+        reach = np.zeros(robot.dof + 1)
+        for joint in range(robot.dof):
+            reach[joint + 1] = reach[int(robot.parents[joint])] + np.linalg.norm(robot.joint_xyz[joint])
+        chosen: Array = np.concatenate([np.ones(self._starts[-1]), reach])[self._chosen]
+        return chosen
 
 
 def _base_transforms(skeleton: Skeleton, q: Array) -> Array:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workcell.ik.cidgik_reduction import Reduction, Vectors
+from workcell.ik.cidgik_reduction import Reduction, Vectors, stack
 from workcell.ik.cidgik_skeleton import Limited, frame_about
 from workcell.ik.conic import triangle
 from workcell.pose import Array
@@ -79,20 +79,6 @@ class ProductsBuilder:
         )
 
 
-def stack(vectors: list[Vectors], like: Vectors) -> Vectors:
-    """Single vectors as one `Vectors` (t, ...)."""
-    parts = []
-    for name in ("alpha", "base", "goal"):
-        width = getattr(like, name).shape[-1]
-        parts.append(np.array([getattr(v, name) for v in vectors]).reshape(-1, width))
-    return Vectors(*parts)
-
-
-def one(vectors: Vectors, k: int) -> Vectors:
-    """The k-th of some vectors."""
-    return Vectors(vectors.alpha[k], vectors.base[k], vectors.goal[k])
-
-
 def rigid_rows(reduction: Reduction) -> Products:
     """Equalities: the directions of each link are orthonormal, and neighbouring frames are of one hand."""
     builder = ProductsBuilder()
@@ -103,7 +89,7 @@ def rigid_rows(reduction: Reduction) -> Products:
         directions = reduction.directions[link]
         for i in range(len(directions.alpha)):
             for j in range(i + 1):
-                builder.add([(1.0, one(directions, i), one(directions, j))], float(i == j))
+                builder.add([(1.0, directions.one(i), directions.one(j))], float(i == j))
     for joint in range(skeleton.robot.dof):
         _handed_rows(builder, reduction, joint)
     return builder.build(reduction.origins)
@@ -124,7 +110,12 @@ def _handed_rows(builder: ProductsBuilder, reduction: Reduction, joint: int) -> 
 
 
 class LimitRows:
-    """Rows `>= 0` of the joint limits (cos(angle - middle) >= cos(half)); their weights change with the limits."""
+    """Rows `>= 0` of the joint limits (cos(angle - middle) >= cos(half)); their weights change with the limits.
+
+    Attributes:
+        limited: the joints, in order of the rows.
+        products: the rows, but for their weights (cosines and sines) and constants.
+    """
 
     def __init__(self, reduction: Reduction) -> None:
         self.limited = reduction.skeleton.limited
@@ -132,7 +123,7 @@ class LimitRows:
         for plan in self.limited:
             terms = [(1.0, a, b) for a, b in _limit_vectors(reduction, plan)]
             builder.add(terms, 0.0)
-        self._products = builder.build(reduction.origins)
+        self.products = builder.build(reduction.origins)
 
     def at(self, G: Array, middle: Array, half: Array) -> tuple[Array, Array]:
         """(m, k) triangles and (m,) constants: inner product with svec(Z) less the constant is >= 0."""
@@ -143,7 +134,7 @@ class LimitRows:
                 weights.append(plan.sign)
             else:
                 weights += [c, s] if plan.how == "parent" else [c, -s]
-        packed, _ = self._products.at(G, np.array(weights))
+        packed, _ = self.products.at(G, np.array(weights))
         return packed, np.array([np.cos(half[plan.joint]) for plan in self.limited])
 
 
@@ -164,6 +155,10 @@ class FrameRows:
     A frame whose axis is known is `b = z x a`, three equalities. Any other one is a rotation: the matrix of its
     quaternion, Q = q q^T, is linear in it and positive semidefinite, which no reflection's is (its least eigenvalue
     would be -1/2).
+
+    Attributes:
+        turned: frames with a known axis: a, b and z of each.
+        free: the others, three directions each.
     """
 
     def __init__(self, reduction: Reduction) -> None:
@@ -174,7 +169,7 @@ class FrameRows:
         for link in sorted(skeleton.framed - skeleton.known):
             frame = reduction.directions[link]
             if self.dimension == 2:
-                turned.append((one(frame, 0), one(frame, 1), one(frame, 0)))
+                turned.append((frame.one(0), frame.one(1), frame.one(0)))
                 continue
             axis = self._known_axis(reduction, link)
             if axis is None:
@@ -183,7 +178,7 @@ class FrameRows:
                 side = frame_about(axis)
                 turned.append(tuple(reduction.direction(link, side[:, i]) for i in (1, 2, 0)))  # type: ignore[arg-type]
         like = reduction.origins
-        self._a, self._b, self._z = (stack([t[i] for t in turned], like) for i in range(3))
+        self.turned = tuple(stack([t[i] for t in turned], like) for i in range(3))
 
     @staticmethod
     def _known_axis(reduction: Reduction, link: int) -> Array | None:
@@ -198,14 +193,14 @@ class FrameRows:
 
     def equalities(self, G: Array) -> Array:
         """(m, k) triangles whose inner product with svec(Z) is zero."""
-        a, b = self._a.at(G), self._b.at(G)
+        a, b = self.turned[0].at(G), self.turned[1].at(G)
         d, count, width = self.dimension, len(a), a.shape[1]
         left, right = np.zeros((count, d, width)), np.zeros((count, d, width))
         left[:, :, -d:] = np.eye(d)
         if d == 2:
             right[:, :, -2:] = np.array([[0.0, -1.0], [1.0, 0.0]])
         else:
-            z = self._z.at(G)[:, -3:]
+            z = self.turned[2].at(G)[:, -3:]
             # e_i . (z x a) = (e_i x z) . a
             right[:, :, -3:] = np.cross(np.eye(3), z[:, None, :])
         packed = products(np.broadcast_to(b[:, None], left.shape), left)
@@ -215,7 +210,7 @@ class FrameRows:
 
     def quaternions(self, G: Array) -> tuple[Array, Array]:
         """(f, 10, k) triangles and (10,) constants: constants + inner products are the triangle of Q, for each frame."""
-        k = len(triangle(self._a.alpha.shape[1] + self.dimension)[0])
+        k = len(triangle(self.turned[0].alpha.shape[1] + self.dimension)[0])
         blocks = np.zeros((len(self.free), 10, k))
         constant = np.zeros(10)
         constant[[0, 2, 5, 9]] = 0.25

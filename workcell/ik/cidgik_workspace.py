@@ -1,31 +1,35 @@
 """The workspace as rows on Z, added lazily: only what the points found so far break.
 
-|y - c|^2 >= l^2 for a point y and a sphere's centre c is linear in Z (Eq. 6), so it stays valid for every configuration,
-and rows found once are kept. Obstacles that are not spheres are parted from the point by a plane through their surface
-where it is nearest: that is one choice of side, which ends with the restart that it was made in.
+|y - c|^2 >= l^2 for a point y and a sphere's centre c is linear in Z (Eq. 6), so it holds for every solution: such rows
+are kept once they were needed. Obstacles that are not spheres are parted from the point by a plane that touches them
+where they are nearest; that is one choice of side among several, and is forgotten at the next restart.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.types import Piece
 from workcell.ik.cidgik_goals import Balls, Plane
+from workcell.ik.cidgik_instance import Instance
 from workcell.ik.cidgik_reduction import Vectors
-from workcell.ik.cidgik_relaxation import Instance
+from workcell.ik.cidgik_rows import products
 from workcell.pose import Array, Pose
 
 KEEP_OFF = 1e-4
 """Metres added to what a row demands, so that its edge is not a near miss."""
-MOST_ROWS = 96
+MOST_ROWS = 192
 """Rows that one cone program may carry; the latest are kept."""
 _MOVES = 1e-9
 
-Key = tuple[str, int, int]
+Kind = Literal["ball", "inside", "apart", "plane"]
+KINDS: tuple[Kind, ...] = ("ball", "inside", "apart", "plane")
+Key = tuple[Kind, int, int]
+"""A lasting row: point i and obstacle, containing sphere or plane j, or points i and j apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,154 +44,195 @@ class Rules:
     pieces: tuple[Piece, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Broken:
-    """One broken rule: by how many metres, its key, and whether its row holds for every configuration."""
-
-    depth: float
-    key: Key
-
-
 class Keeper:
     """The rules of one query over the relaxation's variables, and the rows that were needed so far.
 
     Attributes:
-        lasting: rows (f + 1,) that hold for every solution, by key.
-        passing: rows of planes chosen in this restart.
+        vectors: the points (m, ...).
+        points: (m, N) coefficients of the points over the kept [X; I].
+        loaded: keys of the rows in the instance's slots, None for planes chosen in this restart.
     """
 
     def __init__(self, instance: Instance, points: Vectors, rules: Rules, base: Pose) -> None:
-        self._instance, self._rules = instance, rules
-        self.vectors = instance.vector(points)
-        self._full = points.at(instance.G)
-        self._movable = np.any(np.abs(self.vectors[:, :-3]) > _MOVES, axis=1)
-        inverse = base.inverse()
-        self._plane = instance.structure.skeleton.plane
-        self._base = base
-        self._centres = self._seen(rules.obstacles.centre, inverse)
-        self._inside = self._seen(rules.inside.centre, inverse)
-        self._pieces = ObstacleArrays(rules.pieces)
-        self.lasting: dict[Key, Array] = {}
-        self.passing: list[Array] = []
+        self._instance, self._rules, self._base = instance, rules, base
+        self.vectors, self.points = points, instance.vector(points)
+        d = instance.structure.skeleton.dimension
+        self._movable = np.any(np.abs(self.points[:, :-d]) > _MOVES, axis=1)
+        self._centres = self._seen(rules.obstacles.centre)
+        self._inside = self._seen(rules.inside.centre)
+        self._planes = [
+            plane_in_base(plane, base, instance.structure.skeleton.plane) for plane in rules.planes
+        ]
+        self._pieces = ObstacleArrays(rules.pieces) if rules.pieces else None
+        self._lasting: dict[Key, Array] = {}
+        self._passing: list[Array] = []
+        self.loaded: list[Key | None] = []
 
-    def _seen(self, centres: Array, inverse: Pose) -> Array:
-        local: Array = (centres @ inverse.rotation.T + inverse.position) @ self._plane.T
+    def _seen(self, world: Array) -> Array:
+        """World points in the base frame (in the arm's plane)."""
+        base = self._base
+        local: Array = (world - base.position) @ base.rotation @ self._instance.structure.skeleton.plane.T
         return local
+
+    @property
+    def passing(self) -> bool:
+        """Whether rows are loaded that not every solution keeps."""
+        return bool(self._passing)
+
+    def knows(self, keys: Array) -> bool:
+        """Whether (k, 3) coded keys (kind, i, j) name rows of these rules."""
+        rules = self._rules
+        most = {
+            "ball": len(rules.obstacles),
+            "inside": len(rules.inside),
+            "apart": len(self.points),
+            "plane": len(rules.planes),
+        }
+        for kind, i, j in keys:
+            if kind not in range(len(KINDS)) or i not in range(len(self.points)):
+                return False
+            name = KINDS[int(kind)]
+            if j not in range(most[name]) or (name == "apart" and (int(i), int(j)) not in rules.apart):
+                return False
+            if name == "plane" and (
+                rules.planes[int(j)].equal
+                or int(i) not in (rules.planes[int(j)].points or range(len(self.points)))
+            ):
+                return False
+        return True
 
     def forget_passing(self) -> None:
         """At a restart: planes chosen before are forgotten."""
-        self.passing = []
-        self._load()
-
-    def add_broken(self, columns: Array) -> int:
-        """Rows for the rules that the points break at [X; I] (N, d); how many were added."""
-        y = self._full @ columns
-        added = self._add_balls(y) + self._add_inside(y) + self._add_apart(y)
-        added += self._add_planes(y) + self._add_pieces(y)
-        if added:
+        if self._passing:
+            self._passing = []
             self._load()
-        return added
+
+    def add_broken(self, Z: Array) -> int:
+        """Rows for the rules that the points in Z (its X) break; how many are broken."""
+        y = self.points @ Z[:, -self._centres.shape[1] :]
+        broken = self._broken(y)
+        for key in broken:
+            # a row that is broken again moves to the end, where it is not the first to be left out
+            row = self._lasting.pop(key) if key in self._lasting else self.row(key)
+            self._lasting[key] = row
+        planes = self._part_pieces(y)
+        self._passing += planes
+        if broken or planes:
+            self._load()
+        return len(broken) + len(planes)
+
+    def add_cut_off(self, Z: Array) -> int:
+        """Rows for the rules on spheres that Z itself breaks (not only its points); how many are new."""
+        values = self._squared(Z) - self._needed() ** 2
+        values[~self._movable] = np.inf
+        pairs = [(int(i), int(j)) for j, i in enumerate(values.argmin(axis=0)) if values[i, j] < 0]
+        keys: list[Key] = [("ball", i, j) for i, j in pairs]
+        new = [key for key in keys if key not in self._lasting]
+        for key in new:
+            self._lasting[key] = self.row(key)
+        if new:
+            self._load()
+        return len(new)
+
+    def _squared(self, Z: Array) -> Array:
+        """(m, k) squared distances of points to obstacle centres as Z has them."""
+        d = self._centres.shape[1]
+        own = np.einsum("ij,jk,ik->i", self.points, Z, self.points)
+        y = self.points @ Z[:, -d:]
+        squared: Array = own[:, None] - 2.0 * y @ self._centres.T + np.sum(self._centres**2, axis=1)
+        return squared
+
+    def _needed(self) -> Array:
+        needed: Array = self._rules.obstacles.radius + self._rules.radius[:, None]
+        return needed
 
     def _load(self) -> None:
-        rows = [*self.lasting.values(), *self.passing][-MOST_ROWS:]
-        width = self._instance.directions.shape[1] + 1
-        self._instance.set_slots(np.array(rows).reshape(-1, width))
+        width = self._instance.D.shape[1] + 1
+        keys: list[Key | None] = [*self._lasting, *([None] * len(self._passing))]
+        rows = [*self._lasting.values(), *self._passing]
+        self.loaded = keys[-MOST_ROWS:]
+        self._instance.set_slots(np.array(rows[-MOST_ROWS:]).reshape(-1, width))
 
-    def _keep(self, key: Key, row: Array) -> int:
-        """Keep a lasting row, the latest at the end; whether it is new."""
-        new = key not in self.lasting
-        self.lasting.pop(key, None)
-        self.lasting[key] = row
-        return int(new)
-
-    def _add_balls(self, y: Array) -> int:
-        if not len(self._centres):
-            return 0
-        needed = self._rules.obstacles.radius + self._rules.radius[:, None]
-        gap = np.linalg.norm(y[:, None] - self._centres, axis=-1) - needed
-        gap[~self._movable] = np.inf
-        return sum(
-            self._keep(("ball", i, j), self._outside(i, self._centres[j], needed[i, j]))
-            for i, j in _worst(gap)
-        )
-
-    def _outside(self, i: int, centre: Array, radius: float) -> Array:
-        difference = self._away(i, centre)
-        row = self._instance.rows_of(difference[None], difference[None])[0]
-        row[-1] -= (radius + KEEP_OFF) ** 2
+    def row(self, key: Key) -> Array:
+        """(f + 1,) over (y, 1), nonnegative where the rule is kept with `KEEP_OFF` to spare."""
+        packed, constant, _ = self.inequality(key, KEEP_OFF)
+        row: Array = self._instance.reduced(packed[None], np.array([constant]))[0]
         return row
 
-    def _away(self, i: int, centre: Array) -> Array:
-        difference = self.vectors[i].copy()
-        difference[-len(centre) :] -= centre
-        return difference
+    def inequality(self, key: Key, spare: float) -> tuple[Array, float, tuple[Array, Array]]:
+        """Triangle (K,) and constant whose sum on Z is >= 0 where the rule is kept with `spare` metres to spare, and
+        the two vectors (N,) whose product the triangle is."""
+        kind, i, j = key
+        d, radius = self._centres.shape[1], self._rules.radius
+        difference = self.points[i].copy()
+        if kind == "apart":
+            difference -= self.points[j]
+            least = radius[i] + radius[j] + spare
+            return products(difference, difference), -float(least * abs(least)), (difference, difference)
+        if kind == "plane":
+            normal, offset = self._planes[j]
+            constant = np.zeros_like(difference)
+            constant[-d:] = normal
+            return products(difference, constant), -float(offset + radius[i] + spare), (difference, constant)
+        if kind == "ball":
+            difference[-d:] -= self._centres[j]
+            least = self._rules.obstacles.radius[j] + radius[i] + spare
+            return products(difference, difference), -float(least * abs(least)), (difference, difference)
+        difference[-d:] -= self._inside[j]
+        most = max(self._rules.inside.radius[j] - radius[i] - spare, 0.0)
+        return -products(difference, difference), float(most**2), (-difference, difference)
 
-    def _add_inside(self, y: Array) -> int:
-        if not len(self._inside):
-            return 0
-        room = self._rules.inside.radius - self._rules.radius[:, None]
-        gap = room - np.linalg.norm(y[:, None] - self._inside, axis=-1)
-        gap[~self._movable] = np.inf
-        added = 0
-        for i, j in _worst(gap):
-            difference = self._away(i, self._inside[j])
-            row = -self._instance.rows_of(difference[None], difference[None])[0]
-            row[-1] += max(room[i, j] - KEEP_OFF, 0.0) ** 2
-            added += self._keep(("inside", i, j), row)
-        return added
-
-    def _add_apart(self, y: Array) -> int:
-        added = 0
-        for i, j in self._rules.apart:
-            needed = self._rules.radius[i] + self._rules.radius[j]
-            if np.linalg.norm(y[i] - y[j]) < needed:
-                difference = self.vectors[i] - self.vectors[j]
-                row = self._instance.rows_of(difference[None], difference[None])[0]
-                row[-1] -= (needed + KEEP_OFF) ** 2
-                added += self._keep(("apart", i, j), row)
-        return added
-
-    def _add_planes(self, y: Array) -> int:
-        added = 0
-        for j, plane in enumerate(self._rules.planes):
+    def _broken(self, y: Array) -> list[Key]:
+        rules, keys = self._rules, []
+        keys += _worst("ball", self._gap(y, self._centres) - self._needed())
+        keys += _worst(
+            "inside", rules.inside.radius - rules.radius[:, None] - self._gap(y, self._inside, -np.inf)
+        )
+        for i, j in rules.apart:
+            if np.linalg.norm(y[i] - y[j]) < rules.radius[i] + rules.radius[j]:
+                keys.append(("apart", i, j))
+        for j, plane in enumerate(rules.planes):
             if plane.equal:
                 continue
+            normal, offset = self._planes[j]
             for i in range(len(y)) if plane.points is None else plane.points:
-                normal, offset = self.plane_in_base(plane)
-                offset += self._rules.radius[i]
-                if self._movable[i] and normal @ y[i] < offset:
-                    added += self._keep(("plane", i, j), self._half_space(i, normal, offset + KEEP_OFF))
-        return added
+                if self._movable[i] and normal @ y[i] < offset + rules.radius[i]:
+                    keys.append(("plane", i, j))
+        return keys
 
-    def plane_in_base(self, plane: Plane) -> tuple[Array, float]:
-        """Normal (d,) and offset seen from the base."""
-        normal = self._plane @ (self._base.rotation.T @ plane.normal)
-        return normal, float(plane.offset - plane.normal @ self._base.position)
+    def _gap(self, y: Array, centres: Array, fixed: float = np.inf) -> Array:
+        """(m, k) distances of points to centres; `fixed` for points that can't move."""
+        distance: Array = np.linalg.norm(y[:, None] - centres, axis=-1)
+        distance[~self._movable] = fixed
+        return distance
 
-    def _half_space(self, i: int, normal: Array, offset: float) -> Array:
-        constant = np.zeros_like(self.vectors[i])
-        constant[-len(normal) :] = normal
-        row = self._instance.rows_of(self.vectors[i][None], constant[None])[0]
-        row[-1] -= offset
-        return row
-
-    def _add_pieces(self, y: Array) -> int:
-        if not len(self._pieces):
-            return 0
-        world = y @ self._base.rotation.T + self._base.position
-        distance, gradient = self._pieces.distances_and_gradients(world)
-        needed = self._rules.radius[:, None]
-        gap = distance - needed
+    def _part_pieces(self, y: Array) -> list[Array]:
+        """Rows of half-spaces that part the deepest point inside each piece from it."""
+        if self._pieces is None:
+            return []
+        R = self._base.rotation
+        distance, gradient = self._pieces.distances_and_gradients(y @ R.T + self._base.position)
+        gap = distance - self._rules.radius[:, None]
         gap[~self._movable] = np.inf
-        pairs = _worst(gap)
-        for i, j in pairs:
-            normal = self._base.rotation.T @ gradient[i, j]
-            offset = float(normal @ y[i] - distance[i, j] + needed[i, 0] + KEEP_OFF)
-            self.passing.append(self._half_space(i, normal, offset))
-        return len(pairs)
+        rows = []
+        for _, i, j in _worst("ball", gap):
+            normal = R.T @ gradient[i, j]
+            constant = np.zeros(self.points.shape[1])
+            constant[-3:] = normal
+            row = self._instance.rows_of(self.points[i][None], constant[None])[0]
+            row[-1] -= float(normal @ y[i] - gap[i, j]) + KEEP_OFF
+            rows.append(row)
+        return rows
 
 
-def _worst(gap: Array) -> Sequence[tuple[int, int]]:
-    """(point, obstacle) for each obstacle that some point is inside of: its deepest point."""
-    deepest = gap.argmin(axis=0)
-    return [(int(i), int(j)) for j, i in enumerate(deepest) if gap[i, j] < 0]
+def plane_in_base(plane: Plane, base: Pose, flat: Array) -> tuple[Array, float]:
+    """Normal (d,) and offset of a plane seen from the base; `flat` (d, 3) spans the arm's own plane."""
+    normal: Array = flat @ (base.rotation.T @ plane.normal)
+    return normal, float(plane.offset - plane.normal @ base.position)
+
+
+def _worst(kind: Kind, gap: Array) -> list[Key]:
+    """For each obstacle that some point breaks (m, k): the point that breaks it most."""
+    if not gap.size:
+        return []
+    return [(kind, int(i), j) for j, i in enumerate(gap.argmin(axis=0)) if gap[i, j] < 0]

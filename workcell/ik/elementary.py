@@ -58,8 +58,8 @@ def check_last_link(problem: IKProblem, certificate: Certificate) -> str | None:
         return refusal
     if problem.cover is None or not problem.obstacles:
         return "the problem has no spheres or no obstacles"
-    if certificate.scope != _collision_scope(problem):
-        return f"the scope {certificate.scope!r} claims too much: spheres prove it of {_collision_scope(problem)!r}"
+    if certificate.scope != collision_scope(problem):
+        return f"the scope {certificate.scope!r} claims too much: spheres prove it of {collision_scope(problem)!r}"
     if _Depth.of(problem).deepest(covered)[0] <= 0:
         return "no sphere of the last link must penetrate an obstacle at the target"
     return None
@@ -220,7 +220,7 @@ def _prove_last_link(problem: IKProblem) -> Certificate | None:
         f"{problem.obstacles[piece].name}, {1e3 * margin:.1f} mm deeper than needed, {_covering(covered)}"
     )
     data = {"tolerances": covered, "pair": np.array([sphere, piece])}
-    return Certificate("last_link", _collision_scope(problem), statement, margin, problem_hash(problem), data)
+    return Certificate("last_link", collision_scope(problem), statement, margin, problem_hash(problem), data)
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,7 +289,7 @@ class _Depth:
         return margin, int(placed.sphere[row]), piece
 
 
-def _collision_scope(problem: IKProblem) -> Scope:
+def collision_scope(problem: IKProblem) -> Scope:
     """What penetrating spheres prove: spheres that cover the robot from outside, only the model they belong to."""
     assert problem.cover is not None
     true_shape = problem.cover.kind == "inner" or (problem.cover.kind == "given" and problem.checker is None)

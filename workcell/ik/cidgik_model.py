@@ -1,0 +1,101 @@
+"""An `IKProblem` in CIDGIK's terms: structure (remembered), instance, points and rules."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workcell.ik.cidgik_goals import Balls, Goal
+from workcell.ik.cidgik_instance import Instance
+from workcell.ik.cidgik_skeleton import Skeleton
+from workcell.ik.cidgik_structure import Structure
+from workcell.ik.cidgik_workspace import Keeper, Rules
+from workcell.ik.problem import IKProblem
+from workcell.ik.relaxation import Interval
+from workcell.model.robot import Robot
+from workcell.pose import Array
+
+
+@dataclass(frozen=True, slots=True)
+class StructureKey:
+    """What a structure depends on; robots and points are compared by their numbers.
+
+    Attributes:
+        numbers: of the robot, its tools, points and limits, as bytes.
+        kinds: of the goals, by tool; and the dimension.
+    """
+
+    numbers: bytes
+    kinds: tuple[Any, ...]
+    skeleton: Any = field(compare=False)
+
+
+@lru_cache(maxsize=64)
+def _structure(key: StructureKey) -> Structure:
+    return Structure(key.skeleton())
+
+
+def shared_structure(
+    robot: Robot,
+    goals: tuple[Goal, ...],
+    points: tuple[NDArray[np.int64], Array],
+    interval: Interval | None,
+    dimension: int = 3,
+) -> Structure:
+    """The structure of a robot with these kinds of goals, points and joint intervals (None: they change from query to
+    query), built once.
+
+    Raises:
+        InputError: a robot that points and distances can't describe.
+    """
+    arrays: list[NDArray[Any]] = [robot.parents, robot.joint_xyz, robot.joint_rotation, robot.axis]
+    arrays += [robot.prismatic, *points]
+    for goal in goals:
+        tool = robot.tool(goal.tool)
+        arrays += [np.array([tool.link]), tool.T_link_tool.position, tool.T_link_tool.quat_wxyz, goal.axes]
+    if interval is not None:
+        arrays += [interval.lower, interval.upper]
+    kinds = (dimension, interval is None, *(goal.kind for goal in goals))
+    shapes = tuple(a.shape for a in arrays)
+    bounds = interval or Interval(robot.lower, robot.upper)
+
+    def skeleton() -> Skeleton:
+        return Skeleton(robot, goals, points, bounds.lower, bounds.upper, dimension, generic=interval is None)
+
+    return _structure(StructureKey(b"".join(a.tobytes() for a in arrays), (*kinds, shapes), skeleton))
+
+
+def relaxation_at(problem: IKProblem) -> Instance:
+    """The relaxation of a problem; see `shared_structure`."""
+    interval = Interval.of(problem)
+    points = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
+    if _collides(problem) and problem.cover is not None:
+        points = (problem.cover.link, problem.cover.centre)
+    goals = (Goal.posed(problem.robot.default_tool, problem.target),)
+    fixed = None if problem.max_step is not None else interval
+    structure = shared_structure(problem.robot, goals, points, fixed)
+    return Instance(structure, goals, interval.middle, interval.half)
+
+
+def keeper_of(problem: IKProblem, instance: Instance) -> Keeper | None:
+    """The cover's spheres against the obstacles: spheres as such, other solids by planes; None without either."""
+    if not _collides(problem) or problem.cover is None:
+        return None
+    spheres = [piece for piece in problem.obstacles if piece.kind == "sphere"]
+    balls = Balls(
+        np.array([piece.pose.position for piece in spheres]).reshape(-1, 3),
+        np.array([piece.size[0] for piece in spheres]),
+    )
+    solids = tuple(piece for piece in problem.obstacles if piece.kind != "sphere")
+    radius = problem.cover.radius + problem.tolerances.safety_margin
+    rules = Rules(radius, balls, Balls.none(), pieces=solids)
+    points = instance.structure.reduction.points(problem.cover.link, problem.cover.centre)
+    return Keeper(instance, points, rules, problem.robot.T_world_base)
+
+
+def _collides(problem: IKProblem) -> bool:
+    return problem.cover is not None and len(problem.cover) > 0 and len(problem.obstacles) > 0

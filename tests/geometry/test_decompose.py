@@ -21,7 +21,7 @@ def decomposition(tmp_path_factory):
     path.write_text(CELL)
     steps = []
     result = decompose(Scene.load(path, robot="ur10"), overshoot=0.04, progress=lambda: steps.append(1))
-    assert len(steps) == 5
+    assert len(steps) == 6
     return result
 
 

@@ -182,10 +182,10 @@ def decompose(options: argparse.Namespace) -> int:
     from workcell.model.scene import Scene
     from workcell.record.summary import check_writable, write_json_atomic
 
-    for path in filter(None, (options.out, options.png, options.rrd)):
+    for path in filter(None, (options.out, options.png, options.rrd, options.table)):
         check_writable(path)
     scene = Scene.load(options.cell, robot=options.robot)
-    with progress_bar("decompose", 5) as bar:
+    with progress_bar("decompose", 6) as bar:
         result = run(scene, overshoot=options.overshoot, seed=options.seed, progress=bar.step)
     document = result.to_json()
     if options.out:
@@ -198,12 +198,16 @@ def decompose(options: argparse.Namespace) -> int:
         from workcell.record.decompose_recording import record_decomposition
 
         record_decomposition(result, scene, Path(options.rrd))
+    if options.table:
+        from workcell.geometry.admissible import save_table
+
+        save_table(options.table, result.robot, result.robot_cover, result.free_space)
     if options.json:
         print_json(document)
     else:
         rows = [_metric(name, value) for name, value in document["metrics"].items()]
         print_table(f"Decomposition of {scene.name}", ["metric", "value"], rows)
-        for path in (options.out, options.png, options.rrd):
+        for path in (options.out, options.png, options.rrd, options.table):
             if path:
                 print(f"wrote {path}")
     return exit_codes.DONE

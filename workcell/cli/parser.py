@@ -111,6 +111,9 @@ def _add_models(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     )
     decompose.add_argument("--out", metavar="FILE", help="write spheres, cuboids and metrics as JSON")
     decompose.add_argument("--png", metavar="FILE", help="draw geometry, spheres and free space")
+    decompose.add_argument(
+        "--table", metavar="FILE.npz", help="write which sphere can be in which cuboid, for later planning"
+    )
     decompose.add_argument("--rrd", metavar="FILE", help="record geometry, spheres and free space for Rerun")
     _seed_option(decompose)
     _json_option(decompose)

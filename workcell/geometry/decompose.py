@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from workcell.errors import ModelError
+from workcell.geometry.admissible import with_table
 from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.cover_proof import prove_cover
 from workcell.geometry.free_space import fill_free_space, spheres_held, with_polytopes
@@ -100,7 +101,7 @@ def decompose(
         robot: the robot's name; None: the only one.
         overshoot: metres that a sphere may stick out.
         seed: of the random seeds and of the sampler that measures coverage.
-        progress: called after each of the five parts: robot cover, obstacle cover, cuboids, polytopes, measurement.
+        progress: called after each of the six parts: robot cover, obstacle cover, cuboids, polytopes, table, measurement.
 
     Raises:
         ModelError: an obstacle that contains the robot's base, or a geom that is not supported.
@@ -125,9 +126,11 @@ def decompose(
     lap("obstacle_cover_s")
     goals = np.array([goal.pose.position for goal in scene.goals.values() if goal.robot == actor.name])
     free_space = fill_free_space(kinematics, cover, obstacles, [q], points=goals, seed=seed)
-    lap("cuboids_s")
+    lap("cuboid_build_s")
     free_space = with_polytopes(free_space, kinematics, cover, obstacles, seed=seed)
-    lap("polytopes_s")
+    lap("polytope_build_s")
+    free_space = with_table(kinematics, cover, free_space)
+    lap("table_build_s")
     held = spheres_held(free_space, kinematics, cover, obstacles, samples=_SAMPLES, seed=seed + 1)
     links = robot_pieces(scene.model, actor)
     metrics = {
@@ -141,6 +144,7 @@ def decompose(
         "polytope_margin_m": min((p.margin for p in free_space.polytopes), default=None),
         "cuboid_fraction": held.in_cuboids,
         "covered_fraction": held.in_any,
+        "admissible_pairs_fraction": _admissible_fraction(cover, free_space),
         "skipped_seeds": free_space.skipped_seeds,
     }
     lap("measurement_s")
@@ -159,6 +163,13 @@ def decompose(
         measured,
         metrics | times,
     )
+
+
+def _admissible_fraction(cover: SphereCover, free_space: FreeSpace) -> float:
+    """Share of the pairs of moving sphere and cuboid that the table leaves."""
+    assert free_space.admissible is not None
+    pairs = free_space.admissible[cover.link > 0]
+    return float(pairs.mean()) if pairs.size else float("nan")
 
 
 def check_base_is_free(robot: Robot, obstacles: Sequence[Piece]) -> None:

@@ -148,6 +148,7 @@ class FreeSpace:
         margin: (k,) metres, the proved separation from the nearest obstacle (>= 0); None when nothing was proved.
         skipped_seeds: seeds that lay inside an obstacle or outside the workspace.
         polytopes: where cuboids fit badly.
+        admissible: (m, k) of some cover of m spheres, False where a sphere is never inside a cuboid; None: not computed.
     """
 
     lower: Array
@@ -156,14 +157,21 @@ class FreeSpace:
     margin: Array | None = None
     skipped_seeds: int = 0
     polytopes: tuple[FreePolytope, ...] = ()
+    admissible: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         if self.margin is not None:
             object.__setattr__(self, "margin", read_only(self.margin))
         object.__setattr__(self, "lower", read_only(np.asarray(self.lower, dtype=float).reshape(-1, 3)))
         object.__setattr__(self, "upper", read_only(np.asarray(self.upper, dtype=float).reshape(-1, 3)))
+        if self.admissible is not None:
+            object.__setattr__(self, "admissible", read_only(self.admissible, np.bool_))
         if self.lower.shape != self.upper.shape or np.any(self.lower > self.upper):
             raise InputError("a cuboid's lower corner must not exceed its upper one")
+        if self.admissible is not None and (
+            self.admissible.ndim != 2 or self.admissible.shape[1] != len(self)
+        ):
+            raise InputError("a table of pairs has a row for each sphere and a column for each cuboid")
 
     def __len__(self) -> int:
         return len(self.lower)

@@ -156,6 +156,8 @@ def _content(problem: IKProblem) -> Iterator[Any]:
         yield from ("cover", problem.cover.link, problem.cover.centre, problem.cover.radius)
     if problem.free_space is not None:
         yield from ("free space", problem.free_space.lower, problem.free_space.upper)
+        if problem.free_space.admissible is not None:
+            yield from ("admissible", problem.free_space.admissible)
     for name in ("q_reference", "max_step", "max_link_rotation"):
         value = getattr(problem, name)
         if value is not None:

@@ -67,6 +67,14 @@ def reachable_pairs(problem: IKProblem, free_space: FreeSpace) -> Pairs:
     for anchor, radius in ((first, from_base), (last, from_goal)):
         outside = np.maximum(np.maximum(lower - anchor, anchor - upper), 0.0)
         allowed &= np.linalg.norm(outside, axis=-1) <= radius[:, None] + 1e-9
+    if free_space.admissible is not None:
+        if len(free_space.admissible) != len(cover):
+            raise InputError(
+                f"the free space's table is of {len(free_space.admissible)} spheres, the cover has {len(cover)}",
+                where="free_space.admissible",
+                remedy="make it for this cover (workcell.geometry.admissible.with_table)",
+            )
+        allowed &= free_space.admissible[sphere]
     return Pairs(sphere, lower, upper, allowed)
 
 

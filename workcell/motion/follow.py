@@ -5,12 +5,14 @@ Pose by pose, the next configuration is an IK problem that carries a continuity 
 (Eq. 75, Frobenius norm). The section checks nothing between poses; here the tool's half-way deviation from the
 straight path and the clearance along the whole joint-linear segment are checked, and the spacing refined where the
 deviation is too large.
+
+The steps are IKSPARK's, or local ones (`workcell.motion.steps`) with IKSPARK where they fail. From which configuration
+to start is the choice of `workcell.motion.route`.
 """
 
 from __future__ import annotations
 
-import enum
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,134 +22,31 @@ from workcell.errors import InputError
 from workcell.geometry.types import SphereCover
 from workcell.ik.problem import Budget, Clearance, IKProblem
 from workcell.ik.result import IKResult, Status
-from workcell.motion.path import Path, PathMetrics
-from workcell.motion.proof import Checker, Proof, prove_path, prove_segment
+from workcell.motion.metrics import measured, path_metrics, smallest
+from workcell.motion.outcome import FollowFailure, FollowLimits, FollowResult, FollowStatus
+from workcell.motion.path import Path
+from workcell.motion.proof import Proof, prove_segment
+from workcell.motion.steps import LocalSolver, Solver, Tolerant
+from workcell.motion.toolpath import PathTolerance, check_tool_path, line
 from workcell.pose import Array, Pose
 
-Solver = Callable[[IKProblem], IKResult]
-
-
-class FollowStatus(enum.Enum):
-    """How following a tool path ended."""
-
-    FOLLOWED = "FOLLOWED"
-    UNREACHABLE = "UNREACHABLE"
-    BLOCKED = "BLOCKED"
-    BLOCKED_IN_MODEL = "BLOCKED_IN_MODEL"
-    STEP_TOO_LARGE = "STEP_TOO_LARGE"
-    COLLISION = "COLLISION"
-    OFF_PATH = "OFF_PATH"
-    NOT_FOUND = "NOT_FOUND"
-
-    @property
-    def sentence(self) -> str:
-        """The status in words, with its remedy."""
-        return _SENTENCES[self]
-
-
-_SENTENCES = {
-    FollowStatus.FOLLOWED: "A continuous motion along the whole tool path was found, and is clear between waypoints too.",
-    FollowStatus.UNREACHABLE: "Kinematics alone forbids a pose of the path. Move the path or the robot's base.",
-    FollowStatus.BLOCKED: "Obstacles forbid a pose of the path. Move the path or the obstacle.",
-    FollowStatus.BLOCKED_IN_MODEL: "No configuration of a pose of the path exists in the conservative model; "
-    "the real geometry may still allow one. Use a finer sphere cover or more free-space cuboids.",
-    FollowStatus.STEP_TOO_LARGE: "The poses can be reached, but not by a continuous motion from this start. "
-    "Start from another configuration of the first pose, or allow larger steps.",
-    FollowStatus.COLLISION: "The robot would collide between two waypoints. Start from another configuration.",
-    FollowStatus.OFF_PATH: "The tool would leave the straight path between two waypoints however close they are. "
-    "The arm passes a singularity: start from another configuration.",
-    FollowStatus.NOT_FOUND: "No configuration was found for a pose of the path, and none was proved absent. "
-    "Raise the solver's budget.",
-}
-
+__all__ = [
+    "FollowFailure",
+    "FollowLimits",
+    "FollowResult",
+    "FollowStatus",
+    "PathTolerance",
+    "Solver",
+    "diagnose",
+    "follow",
+    "line",
+    "local_solver",
+    "path_metrics",
+    "step_solver",
+]
 
 _FINAL = (FollowStatus.UNREACHABLE, FollowStatus.BLOCKED, FollowStatus.BLOCKED_IN_MODEL)
 """What is true of a pose however near the one before it is."""
-
-
-@dataclass(frozen=True, slots=True)
-class FollowLimits:
-    """What the motion must keep between waypoints.
-
-    Attributes:
-        max_step: largest joint step between waypoints (radians).
-        max_link_rotation: Eq. 75's r_b on each link's world rotation (Frobenius); None leaves it out.
-        deviation_m, deviation_rad: how far the tool may be from the straight path half-way between waypoints.
-        clearance: metres to keep everywhere, between waypoints too.
-        max_halvings: how often the distance between two given poses may be halved.
-    """
-
-    max_step: float = 0.2
-    max_link_rotation: float | None = None
-    deviation_m: float = 5e-4
-    deviation_rad: float = np.deg2rad(0.5)
-    clearance: float = 0.0
-    max_halvings: int = 6
-
-    def __post_init__(self) -> None:
-        for name in ("max_step", "deviation_m", "deviation_rad"):
-            if not getattr(self, name) > 0:
-                raise InputError(f"{name} must be positive, not {getattr(self, name)}", where=name)
-        if self.max_link_rotation is not None and not self.max_link_rotation > 0:
-            raise InputError(f"max_link_rotation must be positive, not {self.max_link_rotation}")
-
-
-@dataclass(frozen=True, slots=True)
-class FollowFailure:
-    """Where on the path, and why.
-
-    Attributes:
-        waypoint: index of the given pose that was not reached (or on the way to which the motion fails).
-        fraction: share of the path's given poses that lies behind, in [0, 1].
-        pose: the tool pose that failed.
-        detail: what happened, in words.
-        ik: the solver's last answer, if it was the solver that failed.
-    """
-
-    waypoint: int
-    fraction: float
-    pose: Pose
-    detail: str
-    ik: IKResult | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class FollowResult:
-    """What became of a tool path.
-
-    Attributes:
-        status: see `FollowStatus`.
-        path: the motion, or as far as it got; None when not even the second pose was reached.
-        failure: where and why it ended early; None when followed.
-        metrics: of `path`.
-        solved: IK problems solved on the way.
-    """
-
-    status: FollowStatus
-    path: Path | None
-    failure: FollowFailure | None
-    metrics: PathMetrics | None
-    solved: int
-
-    @property
-    def followed(self) -> bool:
-        """Whether the whole path was followed."""
-        return self.status is FollowStatus.FOLLOWED
-
-
-def line(start: Pose, end: Pose, spacing: float = 0.02, spacing_rad: float = 0.1) -> tuple[Pose, ...]:
-    """Poses on a straight line with the rotation on the shortest great arc, `start` and `end` included.
-
-    Args:
-        start, end: `T_world_tool`.
-        spacing, spacing_rad: largest distance (metres) and angle (radians) between neighbours.
-    """
-    if not (spacing > 0 and spacing_rad > 0):
-        raise InputError("the spacing of a tool path must be positive", where="spacing")
-    distance, angle = start.error_to(end)
-    pieces = max(int(np.ceil(distance / spacing - 1e-9)), int(np.ceil(angle / spacing_rad - 1e-9)), 1)
-    inner = (start.interpolate(end, i / pieces) for i in range(1, pieces))
-    return (start, *inner, end)
 
 
 def follow(
@@ -155,6 +54,7 @@ def follow(
     tool_poses: Sequence[Pose],
     q_start: ArrayLike,
     *,
+    tolerance: PathTolerance | None = None,
     limits: FollowLimits | None = None,
     extent: SphereCover | None = None,
     solver: Solver | None = None,
@@ -163,18 +63,23 @@ def follow(
 
     Args:
         template: robot, obstacles, cover, free space, checker and tolerances; target and reference are replaced.
-        tool_poses: `T_world_tool`, two or more, the first being the tool's pose at `q_start`.
+        tool_poses: `T_world_tool`, two or more, the first being the tool's pose at `q_start` (to the tolerance).
         q_start: (n,).
+        tolerance: how far the tool may be from the poses, axis by axis; None: they are asked for exactly.
         limits: continuity, deviation and clearance to keep.
         extent: spheres in link frames that contain the moving robot (for the proof between waypoints); None: the
             template's cover. Without either, or without a checker, no clearance is checked between waypoints.
-        solver: answers one IK problem; None: IKSPARK through `workcell.ik.solve.solve`.
+        solver: answers one IK problem; None: IKSPARK through `workcell.ik.solve.solve`. See also `local_solver`.
 
     Raises:
         InputError: fewer than two poses, or a start that is not at the first pose.
     """
-    tracker = _Tracker(template, limits or FollowLimits(), extent or template.cover, solver or step_solver())
-    return tracker.run(tuple(tool_poses), np.asarray(q_start, dtype=float))
+    allowed = tolerance or PathTolerance()
+    answer = solver or step_solver()
+    if not isinstance(answer, LocalSolver):
+        answer = Tolerant(answer, allowed)
+    tracker = _Tracker(template, limits or FollowLimits(), extent or template.cover, answer, allowed)
+    return tracker.run(check_tool_path(tool_poses), np.asarray(q_start, dtype=float))
 
 
 def step_solver(name: str = "ikspark", budget: Budget | None = None, seed: int = 0) -> Solver:
@@ -185,6 +90,52 @@ def step_solver(name: str = "ikspark", budget: Budget | None = None, seed: int =
         return solve(problem, solver=name, budget=budget or Budget(), seed=seed)
 
     return answer
+
+
+def local_solver(
+    template: IKProblem,
+    *,
+    tolerance: PathTolerance | None = None,
+    limits: FollowLimits | None = None,
+    rescue: Solver | None = None,
+    seed: int = 0,
+) -> LocalSolver:
+    """Fast local steps for `follow`, with a solver behind them for those that fail (None: IKSPARK)."""
+    limits = limits or FollowLimits()
+    return LocalSolver(
+        template,
+        tolerance,
+        max_step=limits.max_step,
+        clearance=limits.clearance,
+        rescue=rescue or step_solver("ikspark", seed=seed),
+    )
+
+
+def diagnose(solver: Solver, template: IKProblem, pose: Pose, q_before: Array, max_step: float) -> _StepError:
+    """Which constraint forbids to reach a pose from a configuration: the pose itself, the obstacles, or continuity."""
+    free = replace(template, target=pose, q_reference=None, max_step=None, max_link_rotation=None)
+    alone = solver(
+        replace(free, cover=None, checker=None, obstacles=(), free_space=None, self_collision=None)
+    )
+    if alone.status is Status.UNREACHABLE:
+        detail = "no configuration reaches this pose (certified)"
+        return _StepError(FollowStatus.UNREACHABLE, pose, detail, alone)
+    if not alone.solved:
+        return _StepError(
+            FollowStatus.NOT_FOUND, pose, f"{alone.status.value}: {alone.status.sentence}", alone
+        )
+    anywhere = solver(free)
+    if anywhere.solved and anywhere.q is not None:
+        gap = float(np.abs(anywhere.q - q_before).max())
+        detail = (
+            f"no configuration within {max_step:.3g} rad of the previous one; "
+            f"another that reaches the pose is {gap:.3g} rad away"
+        )
+        return _StepError(FollowStatus.STEP_TOO_LARGE, pose, detail, anywhere)
+    if anywhere.status in (Status.BLOCKED, Status.BLOCKED_IN_MODEL):
+        return _StepError(FollowStatus(anywhere.status.value), pose, anywhere.status.sentence, anywhere)
+    detail = f"no collision-free configuration was found ({anywhere.status.value})"
+    return _StepError(FollowStatus.NOT_FOUND, pose, detail, anywhere)
 
 
 class _StepError(Exception):
@@ -201,17 +152,18 @@ class _Tracker:
     limits: FollowLimits
     extent: SphereCover | None
     solver: Solver
+    tolerance: PathTolerance
     configurations: list[Array] = field(default_factory=list)
     poses: list[Pose] = field(default_factory=list)
+    reached: list[Pose] = field(default_factory=list)
+    clearances: list[Clearance] = field(default_factory=list)
+    proofs: list[Proof] = field(default_factory=list)
     solved: int = 0
 
     def run(self, tool_poses: tuple[Pose, ...], q_start: Array) -> FollowResult:
-        if len(tool_poses) < 2:
-            raise InputError(
-                f"a tool path takes two or more poses, not {len(tool_poses)}", where="tool_poses"
-            )
         self._check_start(tool_poses[0], q_start)
-        self.configurations, self.poses = [q_start], [tool_poses[0]]
+        checker = self.template.checker
+        self._append(tool_poses[0], q_start, Clearance(float("nan")) if checker is None else checker(q_start))
         status, failure = FollowStatus.FOLLOWED, None
         for i, pose in enumerate(tool_poses[1:], start=1):
             try:
@@ -221,16 +173,18 @@ class _Tracker:
                 done = (i - 1) / (len(tool_poses) - 1)
                 failure = FollowFailure(i, done, error.pose, error.detail, error.ik)
                 break
-        path = None
-        if len(self.configurations) > 1:
-            path = Path(self.template.robot, np.stack(self.configurations), tuple(self.poses))
-        metrics = None if path is None else path_metrics(path, self.template.checker, self.extent)
+        if len(self.configurations) < 2:
+            return FollowResult(status, None, failure, None, self.solved)
+        path = Path(self.template.robot, np.stack(self.configurations), tuple(self.reached))
+        between = min((proof.margin for proof in self.proofs), default=float("nan"))
+        evaluations = sum(proof.evaluations for proof in self.proofs)
+        metrics = measured(path, smallest(self.clearances), between, evaluations)
         return FollowResult(status, path, failure, metrics, self.solved)
 
     def _check_start(self, pose: Pose, q: Array) -> None:
         robot = self.template.robot
         robot.check_limits(q, where="q_start")
-        distance, angle = robot.fk(q).error_to(pose)
+        distance, angle = self.tolerance.excess(pose, robot.fk(q))
         tolerances = self.template.tolerances
         if distance > 10 * tolerances.position or angle > 10 * tolerances.rotation:
             raise InputError(
@@ -239,20 +193,27 @@ class _Tracker:
                 remedy="solve the inverse kinematics of the first pose and start there",
             )
 
+    def _append(self, pose: Pose, q: Array, clearance: Clearance) -> None:
+        """A waypoint: the pose of the path, the allowed one where the tool is, and the clearance."""
+        self.clearances.append(clearance)
+        self.configurations.append(np.array(q))
+        self.poses.append(pose)
+        self.reached.append(self.tolerance.nearest(pose, self.template.robot.fk(q)))
+
     def _advance(self, pose: Pose, halvings: int) -> None:
         """Go to `pose` from the last configuration, by way of poses between when the step or the deviation is too big."""
         previous, q_previous = self.poses[-1], self.configurations[-1]
         result = self._solve(pose, q_previous)
         reason: _StepError | None = None
         if result.q is None or not result.solved:
-            reason = self._why_no_step(pose, result)
+            self.solved += 2
+            reason = diagnose(self.solver, self.template, pose, q_previous, self.limits.max_step)
             if reason.status in _FINAL:
                 raise reason
         else:
             reason = self._check_between(previous, pose, q_previous, result.q)
         if reason is None and result.q is not None:
-            self.configurations.append(np.array(result.q))
-            self.poses.append(pose)
+            self._append(pose, result.q, result.clearance)
         elif halvings > 0:
             self._advance(previous.interpolate(pose, 0.5), halvings - 1)
             self._advance(pose, halvings - 1)
@@ -270,37 +231,9 @@ class _Tracker:
         )
         return self.solver(step)
 
-    def _why_no_step(self, pose: Pose, result: IKResult) -> _StepError:
-        """Which constraint forbids the step: the pose itself, the obstacles, or continuity."""
-        free = replace(self.template, target=pose, q_reference=None, max_step=None, max_link_rotation=None)
-        alone = self.solver(replace(free, cover=None, checker=None, obstacles=(), free_space=None))
-        self.solved += 1
-        if alone.status is Status.UNREACHABLE:
-            return _StepError(
-                FollowStatus.UNREACHABLE, pose, "no configuration reaches this pose (certified)", alone
-            )
-        if not alone.solved:
-            return _StepError(
-                FollowStatus.NOT_FOUND, pose, f"{alone.status.value}: {alone.status.sentence}", alone
-            )
-        anywhere = self.solver(free)
-        self.solved += 1
-        if anywhere.solved and anywhere.q is not None:
-            gap = float(np.abs(anywhere.q - self.configurations[-1]).max())
-            detail = (
-                f"no configuration within {self.limits.max_step:.3g} rad of the previous one; "
-                f"another that reaches the pose is {gap:.3g} rad away"
-            )
-            return _StepError(FollowStatus.STEP_TOO_LARGE, pose, detail, result)
-        if anywhere.status in (Status.BLOCKED, Status.BLOCKED_IN_MODEL):
-            status = FollowStatus(anywhere.status.value)
-            return _StepError(status, pose, anywhere.status.sentence, anywhere)
-        detail = f"no collision-free configuration was found ({anywhere.status.value})"
-        return _StepError(FollowStatus.NOT_FOUND, pose, detail, anywhere)
-
     def _check_between(self, previous: Pose, pose: Pose, q_previous: Array, q: Array) -> _StepError | None:
-        segment = Path(self.template.robot, np.stack([q_previous, q]), (previous, pose))
-        metres, radians = (float(d[0]) for d in segment.tool_deviation())
+        half = self.template.robot.fk(0.5 * (q_previous + q))
+        metres, radians = self.tolerance.excess(previous.interpolate(pose, 0.5), half)
         if metres > self.limits.deviation_m or radians > self.limits.deviation_rad:
             detail = (
                 f"half-way to this pose the tool is {1000 * metres:.2f} mm and {radians:.4f} rad off the path"
@@ -316,26 +249,7 @@ class _Tracker:
             self.extent,
             floor=self.limits.clearance,
         )
-        return None if proof.proved else _StepError(FollowStatus.COLLISION, pose, proof.reason)
-
-
-def path_metrics(
-    path: Path, checker: Checker | None, extent: SphereCover | None, floor: float = 0.0
-) -> PathMetrics:
-    """Measure a path: joint steps, half-way tool deviation, clearance at waypoints and (proved) between them."""
-    metres, radians = path.tool_deviation()
-    at_waypoints, between, spent = Clearance(float("nan")), float("nan"), 0
-    if checker is not None:
-        at_waypoints = min((checker(q) for q in path.configurations), key=lambda found: found.distance)
-        if extent is not None:
-            proof: Proof = prove_path(path, checker, extent, floor=floor)
-            between, spent = proof.margin, proof.evaluations
-    return PathMetrics(
-        waypoints=len(path),
-        largest_step=path.largest_step,
-        deviation_m=float(metres.max()),
-        deviation_rad=float(radians.max()),
-        clearance_at_waypoints=at_waypoints,
-        clearance_between=between,
-        evaluations=spent,
-    )
+        if not proof.proved:
+            return _StepError(FollowStatus.COLLISION, pose, proof.reason)
+        self.proofs.append(proof)
+        return None

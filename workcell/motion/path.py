@@ -124,6 +124,8 @@ class PathMetrics:
         clearance_at_waypoints: smallest clearance at a waypoint (metres), with its pair.
         clearance_between: lower bound on the clearance everywhere on the path, proved by subdivision.
         evaluations: collision queries spent on that proof.
+        manipulability: smallest at a waypoint, see `workcell.motion.metrics`.
+        limit_distance: smallest distance from a joint limit at a waypoint (radians or metres).
     """
 
     waypoints: int
@@ -133,6 +135,8 @@ class PathMetrics:
     clearance_at_waypoints: Clearance
     clearance_between: float
     evaluations: int
+    manipulability: float
+    limit_distance: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,201 @@
+"""A layered graph of configurations along a tool path: which start, and which self-motions, lead all the way.
+
+Some poses of the path are layers. A node is a configuration at a layer that was reached by continuous local tracking
+from a node of the layer before (`workcell.motion.local`); an edge is that motion. From each node tracking goes on freely
+(away from limits, singularities and obstacles), and, where configurations of the next layer have been sampled, drawn
+towards the nearest of them. So whatever route the graph holds is continuous; the cheapest is wanted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workcell.motion.local import LocalTracker, Tracked
+from workcell.motion.metrics import limit_distance, manipulability
+from workcell.pose import Array, Pose
+
+WIDTH = 16
+"""Nodes kept in a layer, the cheapest first."""
+DRAWN = 3
+"""Sampled configurations of the next layer that tracking is drawn to from one node."""
+SAME = 0.03
+"""Radians in every joint within which two nodes are one."""
+_COMFORT = (0.1, 0.02, 3e-4)
+"""Distance from joint limits (radians), clearance (metres) and manipulability below which a motion becomes dear."""
+_DEAREST = 20.0
+
+Layer = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """A continuous motion through all poses: configurations (k, n), its cost (radians), and the row of its start."""
+
+    configurations: Array
+    cost: float
+    start: int
+
+
+@dataclass(frozen=True, slots=True)
+class DeadEnd:
+    """How far a start led.
+
+    Attributes:
+        start: row of the start.
+        waypoint: row of the pose that was not reached.
+        motion: (k, n) configurations at the first poses, as far as they are sound.
+        why: in words.
+    """
+
+    start: int
+    waypoint: int
+    motion: Array
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Routes:
+    """What the graph holds.
+
+    Attributes:
+        complete: routes through all poses, the cheapest first.
+        dead_ends: for each start without a route, the furthest that it led to.
+        nodes, edges: configurations reached, motions tried.
+    """
+
+    complete: tuple[Route, ...]
+    dead_ends: tuple[DeadEnd, ...]
+    nodes: int
+    edges: int
+
+    @property
+    def furthest(self) -> DeadEnd | None:
+        """The dead end that lies furthest along the path."""
+        return max(self.dead_ends, key=lambda end: end.waypoint, default=None)
+
+
+@dataclass(frozen=True, slots=True)
+class _Node:
+    q: Array
+    motion: Array
+    cost: float
+    start: int
+    parent: _Node | None
+
+
+def layers_of(count: int, every: int = 6, most: int = 25) -> Layer:
+    """Rows of the poses that are layers: about every sixth, the first and the last among them."""
+    layers = int(np.clip(np.ceil((count - 1) / every) + 1, 2, most))
+    return np.unique(np.round(np.linspace(0, count - 1, layers)).astype(np.int64))
+
+
+@dataclass(slots=True)
+class RouteSearch:
+    """Search for routes along one tool path.
+
+    Attributes:
+        tracker: local tracking in the robot's world.
+        poses: of the path.
+        samples: for a row of `poses`, configurations (n,) there to be drawn to; None: there are none.
+        clear: clearance (metres) of a configuration (n,), by the problem's own truth; None: it is not asked.
+        floor: metres to keep by that truth.
+    """
+
+    tracker: LocalTracker
+    poses: Sequence[Pose]
+    samples: Callable[[int], Sequence[Array]] | None = None
+    clear: Callable[[Array], float] | None = None
+    floor: float = 0.0
+    nodes: int = 0
+    edges: int = 0
+    ends: dict[int, DeadEnd] = field(default_factory=dict)
+
+    def run(self, starts: Sequence[Array]) -> Routes:
+        """Routes from any of the starts (n,), which have the tool at the first pose."""
+        layer = [_Node(np.asarray(q), np.asarray(q)[None], 0.0, i, None) for i, q in enumerate(starts)]
+        self.nodes, self.edges, self.ends = len(layer), 0, {}
+        rows = layers_of(len(self.poses))
+        for before, row in pairwise(rows):
+            arrivals = [node for origin in layer for node in self._onwards(origin, int(before), int(row))]
+            layer = _distinct(sorted(arrivals, key=lambda node: node.cost))[:WIDTH]
+            self.nodes += len(layer)
+        complete = tuple(Route(_unrolled(node), node.cost, node.start) for node in layer)
+        through = {route.start for route in complete}
+        ends = tuple(end for start, end in sorted(self.ends.items()) if start not in through)
+        return Routes(complete, ends, self.nodes, self.edges)
+
+    def _onwards(self, origin: _Node, before: int, row: int) -> list[_Node]:
+        """Nodes of the next layer that one node leads to."""
+        poses = self.poses[before + 1 : row + 1]
+        found: list[_Node] = []
+        tracked = self.tracker.track_anyhow(poses, origin.q)
+        self._arrive(origin, before, poses, tracked, found)
+        targets = [] if self.samples is None else list(self.samples(row))
+        targets.sort(key=lambda q: float(np.abs(q - origin.q).max()))
+        for target in targets[:DRAWN]:
+            drawn = self.tracker.track(poses, origin.q, towards=target)
+            self._arrive(origin, before, poses, drawn, found)
+        return found
+
+    def _arrive(
+        self, origin: _Node, before: int, poses: Sequence[Pose], tracked: Tracked, found: list[_Node]
+    ) -> None:
+        """A node where tracking reached the next layer clear; a dead end otherwise."""
+        self.edges += 1
+        motion = tracked.configurations
+        if not tracked.complete:
+            at = before + 1 + len(motion)
+            q_before = motion[-1] if len(motion) else origin.q
+            why = self.tracker.why(self.poses[at], tracked, q_before)
+            self._note(DeadEnd(origin.start, at, np.concatenate([_unrolled(origin), motion]), why))
+            return
+        clearance = np.inf if self.clear is None else self.clear(motion[-1])
+        if clearance < self.floor:
+            why = f"only {1e3 * clearance:.1f} mm of clearance are left"
+            self._note(DeadEnd(origin.start, before + len(motion), _unrolled(origin), why))
+            return
+        cost = origin.cost + self._cost(origin.q, motion, min(clearance, tracked.clearance))
+        found.append(_Node(motion[-1], motion, cost, origin.start, origin))
+
+    def _note(self, end: DeadEnd) -> None:
+        known = self.ends.get(end.start)
+        if known is None or end.waypoint > known.waypoint:
+            self.ends[end.start] = end
+
+    def _cost(self, q: Array, motion: Array, clearance: float) -> float:
+        """Radians of travel (the largest joint's), dearer near limits, singularities and obstacles."""
+        robot = self.tracker.template.robot
+        travel = np.abs(np.diff(np.vstack([q, motion]), axis=0)).max(axis=1)
+        near = np.stack(
+            [
+                _COMFORT[0] / np.maximum(limit_distance(robot, motion), 1e-9),
+                np.full(len(motion), _COMFORT[1] / max(clearance, 1e-9)),
+                _COMFORT[2] / np.maximum(manipulability(robot, motion), 1e-12),
+            ]
+        )
+        dear = 1.0 + np.minimum(near**2, _DEAREST).sum(axis=0)
+        return float((travel * dear).sum())
+
+
+def _distinct(nodes: list[_Node]) -> list[_Node]:
+    """Nodes, in their order, without those that are another one again."""
+    kept: list[_Node] = []
+    for node in nodes:
+        if all(float(np.abs(node.q - other.q).max()) > SAME for other in kept):
+            kept.append(node)
+    return kept
+
+
+def _unrolled(node: _Node) -> Array:
+    """All configurations from a node's start to it."""
+    parts = []
+    at: _Node | None = node
+    while at is not None:
+        parts.append(at.motion)
+        at = at.parent
+    return np.concatenate(parts[::-1])

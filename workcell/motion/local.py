@@ -1,0 +1,211 @@
+"""Fast local tracking: from waypoint to waypoint by small quadratic programs, with the convex solver where they fail.
+
+Each program moves the tool onto the path within its tolerance, keeps joint limits, the largest step and every clearance
+of the sphere model, and spends the motions that leave the tool where it is on clearance, manipulability and distance from
+joint limits. Configurations count only once the judge has accepted them (`workcell.motion.steps`).
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from workcell.geometry.packing import pack_arm
+from workcell.ik.packing import pack_world, shrunk_world
+from workcell.ik.problem import IKProblem
+from workcell.motion.toolpath import PathTolerance
+from workcell.pose import Array, Pose
+
+ACCURACY = 1e-7
+"""Metres of error (a radian weighs 0.3 m) to which the tool is brought onto its pose."""
+NEAR_LIMIT = 2e-3
+"""Radians or metres from a joint limit that count as standing at it."""
+SINGULAR = 1e-4
+"""Manipulability below which an arm is called singular."""
+
+
+@functools.cache
+def _kernels() -> Any:
+    """Compiled kernels, imported on first use: numba takes half a second."""
+    return importlib.import_module("workcell.motion.kernels.track")
+
+
+@dataclass(frozen=True, slots=True)
+class Aside:
+    """What the arm does beside the path, in the motions that leave the tool where it is.
+
+    Attributes:
+        limits, singularities, obstacles: gains (radians a waypoint) of the gradients away from each; 0 switches one off.
+        distance: metres of clearance below which an obstacle repels.
+        longest: radians in any joint that one waypoint may add to the motion that the path needs.
+    """
+
+    limits: float = 0.004
+    singularities: float = 0.002
+    obstacles: float = 0.01
+    distance: float = 0.08
+    longest: float = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Tracked:
+    """How far local tracking got.
+
+    Attributes:
+        configurations: (k, n) at the poses that were reached, the start not among them.
+        best: (n,) the nearest it came at the next pose; None when all were reached.
+        error: metres by which the tool is off there (a radian weighs 0.3 m); clearance: metres in the sphere model.
+    """
+
+    configurations: Array
+    best: Array | None
+    error: float
+    clearance: float
+
+    @property
+    def complete(self) -> bool:
+        """Whether every pose was reached."""
+        return self.best is None
+
+
+class LocalTracker:
+    """Local tracking for one robot in one world: everything is packed once.
+
+    Args:
+        template: robot, obstacles, cover and tolerances.
+        tolerance: of the tool along the path.
+        max_step: (n,) or scalar, radians between waypoints.
+        clearance: metres to keep, if more than the template's margin.
+        aside: what to do beside the path.
+    """
+
+    def __init__(
+        self,
+        template: IKProblem,
+        tolerance: PathTolerance | None = None,
+        *,
+        max_step: Array | float = 0.2,
+        clearance: float = 0.0,
+        aside: Aside | None = None,
+    ) -> None:
+        self.template, self.tolerance, self.aside = template, tolerance or PathTolerance(), aside or Aside()
+        robot = template.robot
+        self._arm = pack_arm(robot)
+        self._max_step = np.array(np.broadcast_to(np.asarray(max_step, dtype=float), (robot.dof,)))
+        world = pack_world(template)
+        worlds = [world]
+        if template.checker is not None and template.cover is not None and len(template.cover):
+            # an outer cover may forbid what the true shape allows; the judge decides
+            worlds.append(shrunk_world(template, world))
+        keep = max(clearance, template.tolerances.safety_margin)
+        pairs = self._own_pairs(world.spheres)
+        surroundings = _kernels().Surroundings
+        self._around = [surroundings(world._replace(required=keep), pairs) for world in worlds]
+        self._box = np.append(self.tolerance.box, float(self.tolerance.frame == "tool"))
+
+    def _own_pairs(self, spheres: Array) -> Any:
+        """Pairs of the cover's spheres as rows of the packed ones."""
+        pairs = self.template.self_collision
+        if pairs is None or not len(pairs) or not len(spheres):
+            return np.zeros((0, 2), dtype=np.int64)
+        row = np.argsort(spheres[:, 4].astype(np.int64))
+        return np.ascontiguousarray(row[pairs])
+
+    def track(
+        self,
+        poses: Sequence[Pose],
+        q_start: Array,
+        *,
+        towards: Array | None = None,
+        lane: int = 0,
+        aside: Aside | None = None,
+    ) -> Tracked:
+        """From `q_start` (n,) through the poses, as far as programs lead.
+
+        Args:
+            poses: `T_world_tool`, the first one being the next after where `q_start` stands.
+            towards: (n,) a configuration to be drawn to on the way, in place of the other motions beside the path.
+            lane: 0: the cover as it is; 1: its spheres without their overshoot, where the template has its own checker.
+            aside: in place of the tracker's own.
+        """
+        chosen = aside or self.aside
+        n, count = self.template.robot.dof, len(poses)
+        out, report = np.empty((count, n)), np.empty((count, 3))
+        beside = _kernels().Aside(
+            np.array(q_start if towards is None else towards, dtype=float),
+            0.0 if towards is None else min(1.0, 2.0 / max(count, 2)),
+            *(
+                (chosen.limits, chosen.singularities, chosen.obstacles)
+                if towards is None
+                else (0.0, 0.0, 0.0)
+            ),
+            chosen.distance,
+            chosen.longest if towards is None else 0.5 * float(self._max_step.min()),
+        )
+        around = self._around[min(lane, len(self._around) - 1)]
+        reached = _kernels().track(
+            self._arm, around, frames(poses), self._box, self._max_step, ACCURACY, beside, np.array(q_start), out, report
+        )  # fmt: skip
+        if reached == count:
+            return Tracked(out, None, 0.0, float(report[:, 2].min(initial=np.inf)))
+        return Tracked(out[:reached], out[reached], float(report[reached, 1]), float(report[reached, 2]))
+
+    def track_anyhow(self, poses: Sequence[Pose], q_start: Array) -> Tracked:
+        """`track`, and from where it fails without motions beside the path, and among spheres without their overshoot."""
+        found, q = [np.zeros((0, len(q_start)))], np.asarray(q_start, dtype=float)
+        done = 0
+        while True:
+            for lane in range(len(self._around)):
+                for aside in (self.aside, Aside(0.0, 0.0, 0.0)):
+                    last = self.track(poses[done:], q, lane=lane, aside=aside)
+                    if last.complete or len(last.configurations):
+                        break
+                else:
+                    continue
+                break
+            found.append(last.configurations)
+            done += len(last.configurations)
+            if last.complete or not len(last.configurations):
+                return replace(last, configurations=np.concatenate(found))
+            q = last.configurations[-1]
+
+    def manipulability(self, poses: Sequence[Pose], q: Array) -> Array:
+        """(k,) sqrt(det(J J^T)) of the coordinates without tolerance at each q (k, n) and its pose; radians weigh 0.3 m."""
+        out = np.empty(len(q))
+        _kernels().volumes(self._arm, frames(poses), self._box, np.array(q), out)
+        return out
+
+    def why(self, pose: Pose, tracked: Tracked, q_before: Array) -> str:
+        """Why tracking ended before `pose`, in words."""
+        q = tracked.best
+        if q is None:
+            return "it did not end"
+        robot, reasons = self.template.robot, []
+        at = np.minimum(q - robot.lower, robot.upper - q) < NEAR_LIMIT
+        if np.any(at):
+            names = " and ".join(robot.joint_names[k] for k in np.flatnonzero(at))
+            reasons.append(f"{names} at the joint limit")
+        volume = float(self.manipulability([pose], q[None])[0])
+        if volume < SINGULAR:
+            reasons.append(f"the arm is near a singularity (manipulability {volume:.1e})")
+        if np.any(np.abs(q - q_before) > self._max_step - 1e-9):
+            joint = robot.joint_names[int(np.argmax(np.abs(q - q_before) / self._max_step))]
+            reasons.append(f"{joint} would have to move more than the largest step")
+        keep = self._around[0].world.required
+        if tracked.clearance < keep + 1e-3:
+            reasons.append(f"spheres are {1e3 * tracked.clearance:.1f} mm from an obstacle")
+        if not reasons:
+            reasons.append("local tracking found no step")
+        return f"{', '.join(reasons)}; the tool is {1e3 * tracked.error:.2f} mm from its pose"
+
+
+def frames(poses: Sequence[Pose]) -> Array:
+    """Rows (k, 12) for the kernels: rotation (9, row-major) and position."""
+    return np.array([np.concatenate([pose.rotation.ravel(), pose.position]) for pose in poses]).reshape(
+        -1, 12
+    )

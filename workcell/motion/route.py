@@ -1,0 +1,254 @@
+"""Follow a tool path from whichever configuration leads all the way: a global choice, then every step verified.
+
+Configurations of the first pose are sampled (`workcell.ik.diverse`), tracked through the path in a layered graph
+(`workcell.motion.graph`), from the other end too where that fails, and drawn to configurations sampled along the path
+where that fails as well. The cheapest route is then followed pose by pose with `workcell.motion.follow`, which verifies
+every waypoint and proves what lies between; where a step of it fails, the convex solver is asked.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from workcell.geometry.types import SphereCover
+from workcell.ik.diverse import solutions
+from workcell.ik.problem import Budget, IKProblem
+from workcell.ik.result import IKResult, Status
+from workcell.ik.solve import solve
+from workcell.motion.follow import diagnose, follow, local_solver, step_solver
+from workcell.motion.graph import DeadEnd, Routes, RouteSearch
+from workcell.motion.outcome import FollowFailure, FollowLimits, FollowResult, FollowStatus
+from workcell.motion.steps import LocalSolver, Tolerant, starting_poses
+from workcell.motion.toolpath import PathTolerance, check_tool_path
+from workcell.pose import Array, Pose
+
+CONVEX = ("ikspark", "cidgik")
+"""Solvers that answer every step themselves; others track locally."""
+STARTS = 12
+"""Configurations of the first pose that are tried."""
+ALONG = 6
+"""Configurations sampled at a layer, where the starts alone don't lead to the end."""
+START_BUDGET, LAYER_BUDGET = Budget(0.6), Budget(0.15)
+"""CPU seconds for the samples of the first pose, and of a layer."""
+VERIFIED = 4
+"""Routes that are followed in full, the cheapest first, before the search gives up."""
+
+
+def route(
+    template: IKProblem,
+    tool_poses: Sequence[Pose],
+    q_start: ArrayLike | None = None,
+    *,
+    tolerance: PathTolerance | None = None,
+    limits: FollowLimits | None = None,
+    extent: SphereCover | None = None,
+    solver: str = "auto",
+    seed: int = 0,
+) -> FollowResult:
+    """A continuous motion with the tool along the poses, from a configuration of its own choice (or the given one).
+
+    Args:
+        template, tool_poses, tolerance, limits, extent: as of `follow`.
+        q_start: (n,) a configuration that has the tool at the first pose; None: any.
+        solver: `auto`: local tracking, with IKSPARK where it fails. `ikspark`, `cidgik`: starts and every step by the
+            convex method alone.
+        seed: same seed, same motion.
+
+    Returns:
+        the motion, or how far the best try got, where it ended and why (`failure`), and what the other starts led to
+        (`tried`).
+
+    Raises:
+        InputError: fewer than two poses, or a start that is not at the first one. UnknownNameError: no such solver.
+    """
+    search = _Search(
+        template,
+        check_tool_path(tool_poses),
+        tolerance or PathTolerance(),
+        limits or FollowLimits(),
+        extent,
+        solver,
+        seed,
+    )
+    given = None if q_start is None else np.asarray(q_start, dtype=float)
+    if given is not None:
+        template.robot.configuration(given, where="q_start")
+    return search.by_convex_steps(given) if solver in CONVEX else search.by_graph(given)
+
+
+class _Search:
+    """One query."""
+
+    def __init__(
+        self,
+        template: IKProblem,
+        poses: tuple[Pose, ...],
+        tolerance: PathTolerance,
+        limits: FollowLimits,
+        extent: SphereCover | None,
+        solver: str,
+        seed: int,
+    ) -> None:
+        self.template, self.poses, self.tolerance, self.limits = template, poses, tolerance, limits
+        self.extent, self.solver, self.seed = extent, solver, seed
+        keep = max(limits.clearance, template.tolerances.safety_margin)
+        self.problem = replace(template, tolerances=replace(template.tolerances, safety_margin=keep))
+
+    def by_convex_steps(self, q_start: Array | None) -> FollowResult:
+        """Start by start, each step by the convex solver."""
+        tried: list[str] = []
+        best: FollowResult | None = None
+        for k in range(1 if q_start is not None else VERIFIED):
+            q = q_start
+            if q is None:
+                found = self._solve_start(self.seed + k)
+                if found.q is None:
+                    tried.append(f"start {k}: {found.status.sentence}")
+                    if best is None:
+                        best = self._no_start(found)
+                    if found.status.is_proof:
+                        break
+                    continue
+                q = found.q
+            result = follow(
+                self.template,
+                self.poses,
+                q,
+                tolerance=self.tolerance,
+                limits=self.limits,
+                extent=self.extent,
+                solver=step_solver(self.solver, seed=self.seed + k),
+            )
+            if result.followed:
+                return replace(result, tried=tuple(tried))
+            tried.append(f"start {k}: {result.failure.words if result.failure else result.status.sentence}")
+            best = result if best is None or _reached(result) > _reached(best) else best
+        assert best is not None
+        return replace(best, tried=tuple(tried))
+
+    def _solve_start(self, seed: int) -> IKResult:
+        """A configuration of the first pose, or of one that its tolerance allows."""
+        result = IKResult(Status.NOT_FOUND, self.solver)
+        for pose in starting_poses(self.poses[0], self.tolerance):
+            result = solve(replace(self.problem, target=pose), solver=self.solver, seed=seed)
+            if result.solved or (result.status.is_proof and self.tolerance.exact):
+                return result
+        return (
+            result
+            if self.tolerance.exact or not result.status.is_proof
+            else IKResult(Status.NOT_FOUND, self.solver)
+        )
+
+    def by_graph(self, q_start: Array | None) -> FollowResult:
+        """The cheapest routes of the graph, the first that stands every check."""
+        local = local_solver(self.template, tolerance=self.tolerance, limits=self.limits, seed=self.seed)
+        starts = [q_start] if q_start is not None else self._sampled(0, STARTS, START_BUDGET)
+        if not starts:
+            return self._no_start(self._solve_start(self.seed))
+        found = self._routes(local, starts, free_start=q_start is None)
+        tried = [self._words(end) for end in found.dead_ends]
+        best: FollowResult | None = None
+        for path in found.complete[:VERIFIED]:
+            result = self._follow(local, path.configurations, self.limits)
+            if result.followed:
+                return replace(result, tried=tuple(tried))
+            tried.append(f"start {path.start}: {result.failure.words if result.failure else ''}")
+            best = result if best is None or _reached(result) > _reached(best) else best
+        if best is None:
+            best = self._rescued(local, found) or self._no_route(found)
+        return replace(best, tried=tuple(tried))
+
+    def _routes(self, local: LocalSolver, starts: Sequence[Array], free_start: bool) -> Routes:
+        """Forward from the starts; backward from the end; forward again, drawn to samples along the path."""
+        checker = self.template.checker
+        clear = None if checker is None else lambda q: checker(q).distance
+        search = RouteSearch(local.tracker, self.poses, None, clear, self.problem.tolerances.safety_margin)
+        forward = search.run(starts)
+        if forward.complete:
+            return forward
+        if free_start:
+            back = replace(search, poses=self.poses[::-1])
+            ends = self._sampled(len(self.poses) - 1, STARTS, START_BUDGET)
+            backward = back.run(ends)
+            if backward.complete:
+                turned = tuple(replace(r, configurations=r.configurations[::-1]) for r in backward.complete)
+                return replace(backward, complete=turned, dead_ends=forward.dead_ends)
+        samples = functools.cache(lambda row: self._sampled(row, ALONG, LAYER_BUDGET))
+        drawn = replace(search, samples=samples).run(starts)
+        return drawn if drawn.complete or _far(drawn) >= _far(forward) else forward
+
+    def _sampled(self, row: int, count: int, budget: Budget) -> list[Array]:
+        """Configurations (n,) of one pose of the path, or of poses that its tolerance allows."""
+        poses = starting_poses(self.poses[row], self.tolerance)
+        found: list[Array] = []
+        for k, pose in enumerate(poses):
+            share = Budget(budget.cpu_s / len(poses))
+            few = -(-count // len(poses))
+            results = solutions(replace(self.problem, target=pose), few, share, self.seed + k)
+            found += [np.array(result.q) for result in results if result.q is not None]
+        return found
+
+    def _follow(self, local: LocalSolver, motion: Array, limits: FollowLimits) -> FollowResult:
+        """Step by step along a motion (k, n) through the first k poses, and on from there."""
+        local.propose(self.poses, motion)
+        return follow(
+            self.template,
+            self.poses,
+            motion[0],
+            tolerance=self.tolerance,
+            limits=limits,
+            extent=self.extent,
+            solver=local,
+        )
+
+    def _rescued(self, local: LocalSolver, found: Routes) -> FollowResult | None:
+        """From the start that led furthest, with the convex solver where local steps fail; None if that fails too."""
+        furthest = found.furthest
+        if furthest is None:
+            return None
+        result = self._follow(local, furthest.motion, replace(self.limits, max_halvings=1))
+        return result if result.followed else None
+
+    def _no_start(self, result: IKResult) -> FollowResult:
+        """No configuration of the first pose is known."""
+        status = {
+            Status.UNREACHABLE: FollowStatus.UNREACHABLE,
+            Status.BLOCKED: FollowStatus.BLOCKED,
+            Status.BLOCKED_IN_MODEL: FollowStatus.BLOCKED_IN_MODEL,
+        }.get(result.status, FollowStatus.NOT_FOUND)
+        failure = FollowFailure(0, 0.0, self.poses[0], result.status.sentence, result)
+        return FollowResult(status, None, failure, None, 1)
+
+    def _no_route(self, found: Routes) -> FollowResult:
+        """No route: the pose that no start gets to, and whether that pose itself is the reason."""
+        end = found.furthest
+        assert end is not None
+        pose = self.poses[end.waypoint]
+        answer = Tolerant(step_solver(self.solver, seed=self.seed), self.tolerance)
+        reason = diagnose(answer, self.problem, pose, end.motion[-1], self.limits.max_step)
+        status, detail = reason.status, reason.detail
+        if status in (FollowStatus.STEP_TOO_LARGE, FollowStatus.NOT_FOUND):
+            status = FollowStatus.NO_CONTINUOUS_MOTION
+            detail = f"{end.why}. {found.nodes} configurations in the graph, {found.edges} motions tried; {reason.detail}"
+        fraction = (end.waypoint - 1) / (len(self.poses) - 1)
+        return FollowResult(
+            status, None, FollowFailure(end.waypoint, fraction, pose, detail, reason.ik), None, found.edges
+        )
+
+    def _words(self, end: DeadEnd) -> str:
+        x, y, z = self.poses[end.waypoint].position
+        return f"start {end.start}: ends before pose {end.waypoint} ({x:.3f}, {y:.3f}, {z:.3f}): {end.why}"
+
+
+def _reached(result: FollowResult) -> float:
+    return 1.0 if result.failure is None else result.failure.fraction
+
+
+def _far(routes: Routes) -> int:
+    furthest = routes.furthest
+    return -1 if furthest is None else furthest.waypoint

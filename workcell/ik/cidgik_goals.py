@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.errors import InputError
 from workcell.model.robot import Robot
@@ -94,7 +95,7 @@ class Points:
         radius: (m,) metres of the sphere around each; zero for a bare point.
     """
 
-    link: Array
+    link: NDArray[np.int64]
     local: Array
     radius: Array
 
@@ -113,7 +114,7 @@ class Points:
     @staticmethod
     def none() -> Points:
         """No points."""
-        return Points(np.zeros(0), np.zeros((0, 3)), np.zeros(0))
+        return Points(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0))
 
     @staticmethod
     def joints(robot: Robot) -> Points:

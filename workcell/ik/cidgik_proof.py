@@ -75,7 +75,7 @@ def proof_of(instance: Instance, keeper: Keeper | None, z: Array) -> Proof | Non
     )
     total = _Sum(instance, keeper, proof, 0.0)
     A, _ = instance.equalities()
-    equalities = -np.linalg.lstsq(A.T, total.gradient, rcond=None)[0]
+    equalities = np.asarray(-np.linalg.lstsq(A.T, total.gradient, rcond=None)[0], dtype=float)
     parts = (equalities, proof.limits, proof.rows, proof.S, proof.frames.ravel())
     size = float(np.linalg.norm(np.concatenate(parts)))
     if not size > 0:
@@ -178,14 +178,14 @@ class _Strayed:
 
     def _off(self, vectors: Vectors) -> Array:
         """(...) metres by which vectors lie off, because they are written with the goals' own columns."""
-        off, start = 0.0, 0
+        off, start = np.zeros(vectors.goal.shape[:-1]), 0
         for goal in self.structure.skeleton.goals:
             stop = start + 1 + len(goal.axes)
             part = vectors.goal[..., start:stop]
             off = off + np.abs(part[..., 0]) * self._position
             off = off + np.linalg.norm(part[..., 1:], axis=-1) * self._chord
             start = stop
-        return np.asarray(off)
+        return off
 
     def equalities(self, multipliers: Array) -> float:
         """Directions are unit vectors: a product of two is off by the sum of what they are off."""

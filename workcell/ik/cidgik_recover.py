@@ -8,8 +8,8 @@ import numpy as np
 
 from workcell.ik.cidgik_instance import Instance
 from workcell.ik.cidgik_skeleton import Skeleton
-from workcell.remember import ByIdentity
 from workcell.pose import Array
+from workcell.remember import ByIdentity
 
 _tables = ByIdentity()
 
@@ -41,7 +41,7 @@ def joint_angles(instance: Instance, X: Array) -> Array:
 
 def _per_joint(skeleton: Skeleton) -> list[tuple[Array, ...]]:
     """For each joint: its link's directions without the part along the axis, z x them, and [z]x and its square."""
-    tables = []
+    tables: list[tuple[Array, ...]] = []
     for joint in range(skeleton.robot.dof):
         z = skeleton.robot.axis[joint]
         K = np.array([[0.0, -z[2], z[1]], [z[2], 0.0, -z[0]], [-z[1], z[0], 0.0]])

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.ik.cidgik_goals import Goal
 from workcell.ik.cidgik_skeleton import Skeleton
@@ -125,7 +126,7 @@ class Reduction:
         """A point (3,) of a link, within the span of its basis."""
         return self.origins.one(link).plus(self.direction(link, local))
 
-    def points(self, links: Sequence[int], local: Array) -> Vectors:
+    def points(self, links: NDArray[np.int64], local: Array) -> Vectors:
         """Several points, (m,) links and (m, 3) places in them."""
         return stack([self.point(int(k), c) for k, c in zip(links, local, strict=True)], self.origins)
 
@@ -171,7 +172,7 @@ def goal_columns(skeleton: Skeleton, goals: tuple[Goal, ...]) -> Array:
     return np.stack(columns) @ skeleton.plane.T
 
 
-def _independent(unknown: Array, known: Array) -> tuple[Array, Array]:
+def _independent(unknown: Array, known: Array) -> tuple[NDArray[np.int64], Array]:
     """Columns of `unknown` that are independent of each other and of `known`, and all of them in terms of both."""
     from scipy.linalg import qr
 
@@ -185,5 +186,5 @@ def _independent(unknown: Array, known: Array) -> tuple[Array, Array]:
     chosen = np.sort(order[:rank])
     columns = np.hstack([unknown[:, chosen], known])
     coefficients = np.linalg.lstsq(columns, unknown, rcond=1e-10)[0]
-    coefficients[np.abs(coefficients) < _NEGLIGIBLE] = 0.0
-    return chosen, coefficients
+    cleaned: Array = np.where(np.abs(coefficients) < _NEGLIGIBLE, 0.0, coefficients)
+    return chosen.astype(np.int64), cleaned

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.ik.cidgik_reduction import Reduction, Vectors, stack
 from workcell.ik.cidgik_skeleton import Limited, frame_about
@@ -34,7 +35,7 @@ class Products:
         constant: (m,).
     """
 
-    row: Array
+    row: NDArray[np.int64]
     weight: Array
     left: Vectors
     right: Vectors

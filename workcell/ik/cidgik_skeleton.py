@@ -204,6 +204,7 @@ def _plan_limits(
             plans[k] = plan
     while open_joints:
         links = [link for k in open_joints for link in (int(robot.parents[k]), k + 1)]
+        links = [link for link in links if link not in framed]
         chosen = max(sorted(set(links)), key=links.count)
         framed.add(chosen)
         for k in [k for k in open_joints if chosen in (int(robot.parents[k]), k + 1)]:
@@ -218,16 +219,13 @@ def _limit_plan(robot: Robot, k: int, middle: float, spans: list[Array], framed:
     """How joint k can be watched with the vectors there are, or None."""
     parent, child = int(robot.parents[k]), k + 1
     J, axis = robot.joint_rotation[k], robot.axis[k]
-    from_parent = None if parent in framed else _across(J.T @ spans[parent], axis)
-    from_child = None if child in framed else _across(spans[child], axis)
-    if from_parent is None and from_child is None:
-        u = frame_about(axis)[:, 1]
-        return _limited(k, "parent", J, axis, u)
-    if from_parent is None:
-        return None if from_child is False else _limited(k, "parent", J, axis, from_child)
-    if from_child is None:
-        return None if from_parent is False else _limited(k, "child", J, axis, from_parent)
-    if from_parent is False or from_child is False:
+    from_parent, from_child = _across(J.T @ spans[parent], axis), _across(spans[child], axis)
+    if parent in framed:
+        u = frame_about(axis)[:, 1] if child in framed else from_child
+        return None if u is None else _limited(k, "parent", J, axis, u)
+    if child in framed:
+        return None if from_parent is None else _limited(k, "child", J, axis, from_parent)
+    if from_parent is None or from_child is None:
         return None
     cosine = float(from_parent @ axis_angle_to_matrix(axis, middle) @ from_child)
     if not abs(cosine) > 1 - _ALIGNED:
@@ -241,12 +239,12 @@ def _limited(k: int, how: str, J: Array, axis: Array, u: Array) -> Limited:
     return Limited(k, how, J @ u, u, J @ side, side)
 
 
-def _across(span: Array, axis: Array) -> Array | bool:
-    """The one direction of a flat link that is normal to the axis; False when it has none."""
+def _across(span: Array, axis: Array) -> Array | None:
+    """The one direction of a flat link (3, s) that is normal to the axis; None when it has none."""
     rest = span - np.outer(axis, axis @ span)
     lengths = np.linalg.norm(rest, axis=0)
-    best = int(lengths.argmax()) if lengths.size else 0
-    if not lengths.size or lengths[best] < _FLAT:
-        return False
+    if lengths.max(initial=0.0) < _FLAT:
+        return None
+    best = int(lengths.argmax())
     direction: Array = rest[:, best] / lengths[best]
     return direction

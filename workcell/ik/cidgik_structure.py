@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.ik.cidgik_reduction import Reduction, Vectors, stack
 from workcell.ik.cidgik_rows import FrameRows, LimitRows, rigid_rows
@@ -148,7 +149,7 @@ class Structure:
         return stack(moving, self.reduction.origins)
 
 
-def places(order: int) -> Array:
+def places(order: int) -> NDArray[np.int64]:
     """(order, order) for each entry of a symmetric matrix its place in the triangle."""
     place = np.zeros((order, order), dtype=np.int64)
     a, b, _ = triangle(order)

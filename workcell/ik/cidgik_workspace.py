@@ -101,6 +101,16 @@ class Keeper:
                 return False
         return True
 
+    def fixed_inside(self) -> tuple[int, int, float] | None:
+        """A point that can't move and the obstacle sphere that its centre is in: (point, sphere, metres), or None."""
+        y = self.points[:, -self._centres.shape[1] :]
+        gap = np.linalg.norm(y[:, None] - self._centres, axis=-1) - self._rules.obstacles.radius
+        gap[self._movable] = np.inf
+        if not gap.size or gap.min() >= 0:
+            return None
+        i, j = np.unravel_index(int(gap.argmin()), gap.shape)
+        return int(i), int(j), float(-gap[i, j])
+
     def forget_passing(self) -> None:
         """At a restart: planes chosen before are forgotten."""
         if self._passing:
@@ -125,9 +135,7 @@ class Keeper:
         """Rows for the rules on spheres that Z itself breaks (not only its points); how many are new."""
         values = self._squared(Z) - self._needed() ** 2
         values[~self._movable] = np.inf
-        pairs = [(int(i), int(j)) for j, i in enumerate(values.argmin(axis=0)) if values[i, j] < 0]
-        keys: list[Key] = [("ball", i, j) for i, j in pairs]
-        new = [key for key in keys if key not in self._lasting]
+        new = [key for key in _worst("ball", values) if key not in self._lasting]
         for key in new:
             self._lasting[key] = self.row(key)
         if new:

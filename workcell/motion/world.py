@@ -10,12 +10,14 @@ import numpy as np
 from workcell.errors import InputError, UnknownNameError
 from workcell.geometry.cuboids import biased_seeds, inflate_cuboids, outermost
 from workcell.geometry.pieces import scene_obstacles
-from workcell.geometry.spheres import attached_cover, merge_covers, robot_cover
+from workcell.geometry.spheres import attached_cover, merge_covers
 from workcell.geometry.types import FreeSpace, Piece, SphereCover
 from workcell.ik.problem import Clearance, IKProblem, Tolerances
 from workcell.model.contact import CollisionModel
+from workcell.model.grip import fingers_at, fingers_holding, hand_clearance
 from workcell.model.robot import Robot
 from workcell.model.scene import Scene, SceneRobot
+from workcell.motion.hand_cover import cover_with_fingers
 from workcell.pose import Array, Pose
 
 
@@ -52,6 +54,7 @@ class PlanningWorld:
         *,
         tool: str | None = None,
         overshoot: float = 0.02,
+        opening: float = 1.0,
         approached: Iterable[str] = (),
         towards: Iterable[Array] = (),
         seed: int = 0,
@@ -63,18 +66,22 @@ class PlanningWorld:
             robot: the robot's name; None: the only one.
             tool: the site to place; None: the robot's own.
             overshoot: of the sphere cover, metres.
+            opening: of the gripper: 1 is where the scene has it, 0 closed.
             approached: objects (by name) that the hand is to come closer to than its spheres allow, such as one about to be
                 grasped. They are left out of the planners' obstacles; the compiled model counts them as ever.
             towards: configurations (n,) that the free space should hold, besides the start.
             seed: of the free space's random seeds.
         """
         actor = scene.robot(robot)
+        if opening != 1.0:
+            actor = replace(actor, fingers=fingers_at(scene, actor, opening))
+            scene = replace(scene, robots={**scene.robots, actor.name: actor})
         if tool is not None:
             actor = replace(actor, robot=replace(actor.robot, default_tool=actor.robot.tool(tool).name))
         world = PlanningWorld(
             scene=scene,
             robot=actor,
-            cover=robot_cover(scene.model, actor, overshoot=overshoot),
+            cover=cover_with_fingers(scene, actor, overshoot),
             obstacles=scene_obstacles(scene, actor.name, exclude_objects=tuple(approached)),
             free_space=FreeSpace(np.zeros((0, 3)), np.zeros((0, 3))),
             collision=CollisionModel(scene, actor.name),
@@ -86,19 +93,25 @@ class PlanningWorld:
     def holding(self, thing: str, T_tool_object: Pose, *, towards: Iterable[Array] = ()) -> PlanningWorld:
         """The world once the hand holds an object: it is part of the robot, its spheres move with the hand.
 
+        The gripper's fingers stand closed on it from then on, in the cover and in the compiled model alike.
+
         Args:
             thing: the object's name.
             T_tool_object: how it stands in the tool's frame.
             towards: configurations (n,) that the free space should hold.
         """
-        carried = attached_cover(self.scene, self.robot, thing, T_tool_object, overshoot=self.overshoot)
+        actor = replace(self.robot, fingers=fingers_holding(self.scene, self.robot, thing, T_tool_object))
+        scene = replace(self.scene, robots={**self.scene.robots, actor.name: actor})
+        carried = attached_cover(scene, actor, thing, T_tool_object, overshoot=self.overshoot)
         world = replace(
             self,
-            cover=merge_covers(self.cover, carried),
-            obstacles=scene_obstacles(self.scene, self.robot.name, exclude_objects=(thing,)),
+            scene=scene,
+            robot=actor,
+            cover=merge_covers(cover_with_fingers(scene, actor, self.overshoot), carried),
+            obstacles=scene_obstacles(scene, actor.name, exclude_objects=(thing,)),
             free_space=FreeSpace(np.zeros((0, 3)), np.zeros((0, 3))),
             attached=(thing, T_tool_object),
-            collision=CollisionModel(self.scene, self.robot.name, attached=(thing, T_tool_object)),
+            collision=CollisionModel(scene, actor.name, attached=(thing, T_tool_object)),
         )
         return world.with_free_space_around(towards)
 
@@ -134,6 +147,10 @@ class PlanningWorld:
         """Smallest signed distance on the compiled model at `q` (n,)."""
         found = self.collision.distance(q)
         return Clearance(found.distance, found.pair)
+
+    def hand_clearance(self, target: Pose, ignored: Iterable[str] = ()) -> float:
+        """How far the hand alone would be from everything else at a tool pose, metres: a cheap question before IK."""
+        return hand_clearance(self.scene, self.robot, target, tuple(ignored))
 
     def tool_pose(self, q: Array) -> Pose:
         """`T_world_tool` on the compiled model at `q` (n,)."""

@@ -33,7 +33,7 @@ from workcell.simulate.simulation import Simulation
 
 TRACKING_ROOM = 0.001
 """Metres that a timed motion keeps clear: the tracking error that the simulation may have."""
-PLANNERS = ("ikspark", "auto")
+PLANNERS = ("ikspark", "cidgik", "auto")
 
 
 @dataclass(slots=True)

@@ -220,7 +220,7 @@ def _solver_options(parser: argparse.ArgumentParser) -> None:
         "--solver",
         default="auto",
         metavar="NAME",
-        help="auto, hjcd, branch, multistart, ikspark, ikspark+lm (default: auto)",
+        help="auto, hjcd, branch, multistart, ikspark, ikspark+lm, cidgik, cidgik+lm (default: auto)",
     )
     parser.add_argument(
         "--budget-s", type=_not_negative, default=5.0, metavar="S", help="CPU seconds a problem (default: 5)"

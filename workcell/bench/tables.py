@@ -22,7 +22,14 @@ Row = dict[str, Any]
 BenchFunction = Callable[[int, int, Path | None], list[Row]]
 """Takes n problems a row, the seed and the folder of problem sets; returns rows as `row_of` makes them."""
 
-_PROVIDERS = ("workcell.bench.sets", "workcell.bench.ikspark", "workcell.bench.hjcd", "workcell.bench.tasks")
+_PROVIDERS = (
+    "workcell.bench.sets",
+    "workcell.bench.ikspark",
+    "workcell.bench.hjcd",
+    "workcell.bench.tasks",
+    "workcell.bench.clearance",
+    "workcell.bench.free_space",
+)
 
 
 @dataclass(frozen=True, slots=True)

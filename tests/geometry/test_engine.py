@@ -258,3 +258,29 @@ def test_read_only_arrays_are_taken_as_they_are():
 def test_nothing_is_compiled_when_imported():
     code = "import sys, workcell.geometry.engine, workcell.geometry.self_collision; sys.exit('numba' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("sliding", [False, True])
+def test_contacts_are_all_pairs_below_the_margin(sliding):
+    engine = cell(5, sliding)
+    batch = engine.robot.random_configuration(np.random.default_rng(6), 12)
+    for margin in (0.05, 0.0, -0.01, 3.0):
+        found = engine.contacts(batch, margin)
+        own = found.other_sphere >= 0
+        assert np.all(np.diff(found.row) >= 0) and np.array_equal(own, found.obstacle < 0)
+        for row, q in enumerate(batch):
+            gaps, gradients = engine.pair_distances_and_gradients(q)
+            here = (found.row == row) & ~own
+            assert np.count_nonzero(gaps < margin) == np.count_nonzero(here)
+            at = found.sphere[here], found.obstacle[here]
+            assert np.allclose(found.gap[here], gaps[at], atol=1e-12)
+            assert np.allclose(found.gradient[here], gradients[at], atol=1e-9)
+            gaps, gradients = engine.self_clearances_and_gradients(q)
+            near, here = gaps < margin, (found.row == row) & own
+            named = np.column_stack([found.sphere[here], found.other_sphere[here]])
+            assert np.array_equal(named, engine.pairs[near])
+            assert np.allclose(found.gap[here], gaps[near]) and np.allclose(
+                found.gradient[here], gradients[near]
+            )
+    with pytest.raises(InputError, match="margin"):
+        engine.contacts(batch, np.nan)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import importlib
+import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -43,6 +44,30 @@ class Nearest:
     gradient: Array
 
 
+@dataclass(frozen=True, slots=True)
+class Contacts:
+    """Pairs nearer than a margin, ordered by configuration.
+
+    Attributes:
+        row: (p,) number of the configuration.
+        sphere: (p,) number in the cover.
+        obstacle: (p,) number of the obstacle; -1 where two spheres of the robot meet.
+        other_sphere: (p,) number of the other sphere, else -1.
+        gap: (p,) signed distance in metres.
+        gradient: (p, n) of the gap, metres per radian or metre.
+    """
+
+    row: Index
+    sphere: Index
+    obstacle: Index
+    other_sphere: Index
+    gap: Array
+    gradient: Array
+
+    def __len__(self) -> int:
+        return len(self.gap)
+
+
 class ClearanceEngine:
     """Signed distances of a robot's spheres to obstacles and to each other, with gradients with respect to q.
 
@@ -71,6 +96,7 @@ class ClearanceEngine:
         self.robot, self.cover = robot, cover
         self.obstacles = obstacles if isinstance(obstacles, ObstacleArrays) else ObstacleArrays(obstacles)
         self.pairs = _checked_pairs(pairs, len(cover))
+        self._contacts_a_row = 32
         self._tree, self._spheres = pack_tree(robot), pack_spheres(robot, cover)
 
     def clearance(self, q: ArrayLike) -> float:
@@ -131,6 +157,31 @@ class ClearanceEngine:
         gap, gradient = self._of_pairs(self._rows(q, 1), True)
         return gap[0], gradient[0]
 
+    def contacts(self, q: ArrayLike, margin: float) -> Contacts:
+        """All pairs with a gap below `margin` metres at configurations q (b, n)."""
+        rows = self._rows(q, 2)
+        if not math.isfinite(margin):
+            raise InputError(f"a margin of {margin}", where="margin", remedy="finite metres")
+        room = self._contacts_a_row * len(rows)
+        while True:
+            who, gap = np.empty((room, 4), dtype=np.int64), np.empty(room)
+            gradient = np.empty((room, self.robot.dof))
+            count = _contact_kernels().near_contacts(
+                self._tree,
+                self._spheres,
+                self.obstacles.shapes,
+                self.pairs,
+                rows,
+                float(margin),
+                who,
+                gap,
+                gradient,
+            )
+            if count <= room:
+                row, sphere, obstacle, other = who[:count].T
+                return Contacts(row, sphere, obstacle, other, gap[:count], gradient[:count])
+            room, self._contacts_a_row = count, 1 + count // len(rows)
+
     def _smallest(self, rows: Array, with_gradient: bool) -> tuple[Array, Array, Index]:
         gap, where = np.empty(len(rows)), np.empty((len(rows), 3), dtype=np.int64)
         gradient = np.empty(rows.shape if with_gradient else (0, 0))
@@ -163,9 +214,11 @@ class ClearanceEngine:
                 where="q",
                 remedy=f"in this order: {', '.join(self.robot.joint_names)}",
             )
-        if not np.isfinite(values).all():
-            raise InputError("joint values are not finite", where="q")
         rows = np.ascontiguousarray(values.reshape(-1, n))
+        flat = rows.ravel()
+        # One product tells that all is finite, and costs less than looking at each.
+        if not math.isfinite(flat @ flat) and not np.isfinite(flat).all():
+            raise InputError("joint values are not finite", where="q")
         return rows if rows.flags.writeable else rows.copy()
 
 
@@ -190,3 +243,8 @@ def _checked_pairs(pairs: SelfCollisionPairs | ArrayLike | None, spheres: int) -
 def _kernels() -> Any:
     """Compiled kernels, imported on first use: numba takes half a second."""
     return importlib.import_module("workcell.geometry.kernels.robot")
+
+
+@functools.cache
+def _contact_kernels() -> Any:
+    return importlib.import_module("workcell.geometry.kernels.contacts")

@@ -22,6 +22,11 @@ class ObstacleArrays:
     Args:
         pieces: convex pieces, all in one frame.
 
+    Attributes:
+        pieces: the same.
+        shapes: as the kernels take them.
+        packed_at: (k,) where in `shapes` each piece stands.
+
     Raises:
         ModelError: a hull without volume; `where` names the piece.
     """
@@ -29,7 +34,7 @@ class ObstacleArrays:
     def __init__(self, pieces: Sequence[Piece]) -> None:
         self.pieces = tuple(pieces)
         self.shapes = pack_shapes(self.pieces)
-        self._packed_at = np.argsort(self.shapes.order)
+        self.packed_at = np.argsort(self.shapes.order)
 
     def __len__(self) -> int:
         return len(self.pieces)
@@ -59,7 +64,7 @@ class ObstacleArrays:
                 remedy="an array (p,)",
             )
         distance, gradient = np.empty(len(flat)), np.empty((len(flat), 3))
-        _kernels().pair_distances(self.shapes, flat, self._packed_at[index], distance, gradient)
+        _kernels().pair_distances(self.shapes, flat, self.packed_at[index], distance, gradient)
         return distance, gradient
 
     def floor(self, points: ArrayLike) -> Array:

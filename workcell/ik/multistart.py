@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.ik.batch import BatchKinematics, Contacts, Surroundings
+from workcell.geometry.engine import ClearanceEngine, Contacts
+from workcell.ik.batch import pose_errors
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import Candidate
 from workcell.ik.verify import Verifier, sphere_name
@@ -68,7 +69,7 @@ class _Lanes:
         gradient, hessian: (b, n) and (b, n, n) of half the cost (Gauss-Newton).
         away, turned: (b,) pose errors in metres and radians.
         gap: (b,) worst clearance less the wanted one; inf where nothing is near.
-        culprit: (b, 2) the sphere and the obstacle of the worst gap.
+        culprit: (b, 3) of the worst gap the sphere, and the obstacle or the other sphere; -1 for what is not there.
     """
 
     q: Array
@@ -92,12 +93,11 @@ class _Search:
         self.starts = self.iterations = 0
         self._rng = np.random.default_rng(seed)
         self._judge = Verifier(problem)
-        self._kinematics = BatchKinematics(problem.robot)
-        self._target_rotation = problem.target.rotation
         self._lower, self._upper = joint_bounds(problem)
-        self._surroundings = None
-        if problem.cover is not None and len(problem.cover) > 0 and problem.obstacles:
-            self._surroundings = Surroundings(problem.cover, problem.obstacles)
+        self._engine = None
+        pairs = problem.self_collision
+        if problem.cover is not None and len(problem.cover) > 0 and (problem.obstacles or pairs is not None):
+            self._engine = ClearanceEngine(problem.robot, problem.cover, problem.obstacles, pairs)
             self._forgiven = self._forgiveness()
         self._misses: dict[str, float] = {}
 
@@ -182,13 +182,13 @@ class _Search:
         away = f"{1e3 * lanes.away[row]:.2g} mm and {lanes.turned[row]:.2g} rad from the target"
         if not lanes.gap[row] < 0:
             return f"a local minimum stays {away}"
-        sphere, piece = lanes.culprit[row]
-        inside = f"{sphere_name(self.problem, int(sphere))} is {-1e3 * lanes.gap[row]:.2g} mm too near {self.problem.obstacles[piece].name}"
+        sphere, piece, other = map(int, lanes.culprit[row])
+        near = sphere_name(self.problem, other) if piece < 0 else self.problem.obstacles[piece].name
+        inside = f"{sphere_name(self.problem, sphere)} is {-1e3 * lanes.gap[row]:.2g} mm too near {near}"
         return f"{inside}, {away}"
 
     def _evaluate(self, q: Array) -> _Lanes:
-        links = self._kinematics.links(q)
-        error, J = self._kinematics.pose_error(links, self.problem.target, self._target_rotation)
+        error, J = pose_errors(self.problem.robot, q, self.problem.target)
         squared = error * error
         away, turned = np.sqrt(squared[:, :3].sum(1)), np.sqrt(squared[:, 3:].sum(1))
         r, J = error * _WEIGHTS, J * _WEIGHTS[:, None]
@@ -202,22 +202,16 @@ class _Search:
             away=away,
             turned=turned,
             gap=np.full(b, np.inf),
-            culprit=np.full((b, 2), -1),
+            culprit=np.full((b, 3), -1),
         )
-        if self._surroundings is not None:
+        if self._engine is not None:
             wanted = self.problem.tolerances.safety_margin
-            contacts = self._surroundings.contacts(self._surroundings.centres(links), wanted + HINGE_MARGIN)
-            if len(contacts.lane):
-                link = self._surroundings.cover.link[contacts.sphere]
-                rates = self._kinematics.point_rates(
-                    links, contacts.lane, link, contacts.point, contacts.normal
-                )
-                _add_hinges(
-                    lanes,
-                    contacts,
-                    rates,
-                    contacts.gap + self._forgiven[contacts.lane, contacts.sphere] - wanted,
-                )
+            contacts = self._engine.contacts(q, wanted + HINGE_MARGIN)
+            if len(contacts):
+                forgiven = self._forgiven[contacts.row, contacts.sphere]
+                own = contacts.other_sphere >= 0
+                forgiven[own] += self._forgiven[contacts.row[own], contacts.other_sphere[own]]
+                _add_hinges(lanes, contacts, contacts.gap + forgiven - wanted)
         return lanes
 
     def _step(self, lanes: _Lanes, damping: Array) -> Array:
@@ -236,11 +230,11 @@ class _Search:
         return np.clip(lanes.q + step, self._lower, self._upper)
 
 
-def _add_hinges(lanes: _Lanes, contacts: Contacts, rates: Array, gap: Array) -> None:
+def _add_hinges(lanes: _Lanes, contacts: Contacts, gap: Array) -> None:
     """Add max(0, margin - gap)^2 of every pair to the cost, and its derivatives."""
     short = HINGE_WEIGHT * np.maximum(HINGE_MARGIN - gap, 0.0)
-    rates = HINGE_WEIGHT * rates
-    lane = contacts.lane
+    rates = HINGE_WEIGHT * contacts.gradient
+    lane = contacts.row
     first = np.flatnonzero(np.diff(lane, prepend=-1))
     rows = lane[first]
     lanes.cost[rows] += np.add.reduceat(short * short, first)
@@ -250,4 +244,5 @@ def _add_hinges(lanes: _Lanes, contacts: Contacts, rates: Array, gap: Array) -> 
     lanes.gap[rows] = np.minimum.reduceat(gap, first)
     worst = np.flatnonzero(gap == lanes.gap[lane])
     lanes.culprit[lane[worst], 0] = contacts.sphere[worst]
-    lanes.culprit[lane[worst], 1] = contacts.piece[worst]
+    lanes.culprit[lane[worst], 1] = contacts.obstacle[worst]
+    lanes.culprit[lane[worst], 2] = contacts.other_sphere[worst]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.jit import inner
+from workcell.jit import inner, kernel
 from workcell.pose import Array
 
 
@@ -109,3 +109,23 @@ def add_rates(
             rate = u * zx + v * zy + w * zz
         out[link - 1] += share * rate
         link = tree.parents[link]
+
+
+@kernel
+def tool_motions(arm: Arm, q: Array, tool: Array, J: Array) -> None:
+    """Tool frames (b, 12) at q (b, n), and geometric Jacobians (b, 6, n) there: linear, then angular, in the world."""
+    n = q.shape[1]
+    T = np.empty((n + 2, 12))
+    for c in range(q.shape[0]):
+        forward(arm.frames, q[c], T)
+        for a in range(12):
+            tool[c, a] = T[n + 1, a]
+        for k in range(n):
+            zx, zy, zz = T[k + 1, 2], T[k + 1, 5], T[k + 1, 8]
+            if arm.frames[k + 1, 12] == 0.0:
+                rx, ry, rz = tool[c, 9] - T[k + 1, 9], tool[c, 10] - T[k + 1, 10], tool[c, 11] - T[k + 1, 11]
+                J[c, 0, k], J[c, 1, k], J[c, 2, k] = zy * rz - zz * ry, zz * rx - zx * rz, zx * ry - zy * rx
+                J[c, 3, k], J[c, 4, k], J[c, 5, k] = zx, zy, zz
+            else:
+                J[c, 0, k], J[c, 1, k], J[c, 2, k] = zx, zy, zz
+                J[c, 3, k], J[c, 4, k], J[c, 5, k] = 0.0, 0.0, 0.0

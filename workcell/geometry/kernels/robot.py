@@ -16,7 +16,7 @@ Index = NDArray[np.int64]
 
 
 @inner
-def _place_spheres(tree: Tree, spheres: Array, q: Array, T: Array, centres: Array) -> None:
+def place_spheres(tree: Tree, spheres: Array, q: Array, T: Array, centres: Array) -> None:
     """Link frames T (n + 1, 12) and the spheres' centres (m, 3) in the world."""
     forward_tree(tree, q, T)
     for i in range(spheres.shape[0]):
@@ -29,7 +29,7 @@ def _point(centres: Array, i: int) -> Point:
 
 
 @inner
-def _apart(centres: Array, i: int, j: int) -> tuple[float, Point]:
+def apart(centres: Array, i: int, j: int) -> tuple[float, Point]:
     """Distance of two centres, and the direction from the second to the first."""
     x, y, z = centres[i, 0] - centres[j, 0], centres[i, 1] - centres[j, 1], centres[i, 2] - centres[j, 2]
     d = math.sqrt(x * x + y * y + z * z)
@@ -39,7 +39,7 @@ def _apart(centres: Array, i: int, j: int) -> tuple[float, Point]:
 
 
 @inner
-def _self_rates(
+def add_self_rates(
     tree: Tree, T: Array, spheres: Array, centres: Array, i: int, j: int, direction: Point, out: Array
 ) -> None:
     """Gradient (n,) of the gap between spheres i and j; of joints that carry both the parts cancel."""
@@ -58,7 +58,7 @@ def sphere_gaps(
     T, centres = np.empty((tree.frames.shape[0], 12)), np.empty((spheres.shape[0], 3))
     keys = np.empty(shapes.boxes.shape[1])
     for c in range(q.shape[0]):
-        _place_spheres(tree, spheres, q[c], T, centres)
+        place_spheres(tree, spheres, q[c], T, centres)
         for i in range(spheres.shape[0]):
             x, y, z = _point(centres, i)
             d, at = nearest_shape(shapes, x, y, z, np.inf, keys)
@@ -78,7 +78,7 @@ def pair_gaps(tree: Tree, spheres: Array, shapes: Shapes, q: Array, gap: Array, 
     T, centres = np.empty((tree.frames.shape[0], 12)), np.empty((spheres.shape[0], 3))
     n = q.shape[0]
     J, found = np.empty((3, n)), np.empty((4, shapes.order.shape[0]))
-    _place_spheres(tree, spheres, q, T, centres)
+    place_spheres(tree, spheres, q, T, centres)
     for i in range(spheres.shape[0]):
         x, y, z = _point(centres, i)
         for a in range(n):
@@ -101,15 +101,15 @@ def self_gaps(tree: Tree, spheres: Array, pairs: Index, q: Array, gap: Array, gr
     """Gaps (c, p) between pairs (p, 2) of spheres at q (c, n), and gradients (c, p, n) unless that has no rows."""
     T, centres = np.empty((tree.frames.shape[0], 12)), np.empty((spheres.shape[0], 3))
     for c in range(q.shape[0]):
-        _place_spheres(tree, spheres, q[c], T, centres)
+        place_spheres(tree, spheres, q[c], T, centres)
         for p in range(pairs.shape[0]):
             i, j = pairs[p, 0], pairs[p, 1]
-            d, direction = _apart(centres, i, j)
+            d, direction = apart(centres, i, j)
             gap[c, p] = d - spheres[i, 3] - spheres[j, 3]
             if gradient.shape[0] > 0:
                 for k in range(q.shape[1]):
                     gradient[c, p, k] = 0.0
-                _self_rates(tree, T, spheres, centres, i, j, direction, gradient[c, p])
+                add_self_rates(tree, T, spheres, centres, i, j, direction, gradient[c, p])
 
 
 @inner
@@ -141,7 +141,7 @@ def smallest_gaps(
     T, centres = np.empty((tree.frames.shape[0], 12)), np.empty((spheres.shape[0], 3))
     keys, hint = np.empty(shapes.boxes.shape[1]), -1
     for c in range(q.shape[0]):
-        _place_spheres(tree, spheres, q[c], T, centres)
+        place_spheres(tree, spheres, q[c], T, centres)
         best, sphere, shape = np.inf, -1, -1
         for i in range(spheres.shape[0]):
             x, y, z = _point(centres, i)
@@ -161,8 +161,8 @@ def smallest_gaps(
                 gradient[c, k] = 0.0
             if pair >= 0:
                 i, j = pairs[pair, 0], pairs[pair, 1]
-                direction = _apart(centres, i, j)[1]
-                _self_rates(tree, T, spheres, centres, i, j, direction, gradient[c])
+                direction = apart(centres, i, j)[1]
+                add_self_rates(tree, T, spheres, centres, i, j, direction, gradient[c])
             elif sphere >= 0:
                 x, y, z = _point(centres, sphere)
                 direction = to_shape(shapes, shape, x, y, z)[1:]

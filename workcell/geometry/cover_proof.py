@@ -18,10 +18,12 @@ from workcell.geometry.separation import bounding_box
 from workcell.geometry.types import Piece
 from workcell.pose import Array, read_only
 
-RESOLUTION = 1e-4
+RESOLUTION = 2e-5
 """Metres: half the edge of the smallest cell. Covers need about twice that as slack to be proved."""
 
 _MOST = 64
+"""Holes after which the search for more ends."""
+
 _CHUNK = 50_000
 """Cells looked at together."""
 
@@ -73,62 +75,36 @@ def prove_cover(
     return None
 
 
-def fit_radii(
-    pieces: Sequence[Piece], centres: Array, largest: Array, smallest: Array, *, resolution: float
-) -> tuple[Array, Array]:
-    """Radii between `smallest` and `largest` (m,) that cover the pieces, and points (k, 3) that even `largest` miss.
+def holes(pieces: Sequence[Piece], centres: Array, radii: Array, *, resolution: float = RESOLUTION) -> Array:
+    """Points (k, 3) near which a cover fails, or has no slack; none just when `prove_cover` proves it.
 
-    One pass of the same subdivision: a cell that has become small and is still in no ball raises the radius of the
-    ball that it takes the least to.
+    Where that function ends at the first such cell, this one goes on through all of the pieces.
     """
-    radii = np.minimum(smallest, largest)
     missed: list[Array] = []
     for piece in pieces:
         if np.any(farthest_distance(piece, centres) <= radii):
             continue
         outside = _Outside(piece)
-        for block, half, balls in _blocks(piece, centres, largest):
-            part = radii[balls]
-            missed += _fit_block(block, half, outside, centres[balls], largest[balls], part, resolution)
-            radii[balls] = part
+        for block, half, balls in _blocks(piece, centres, radii):
+            missed += _block_holes(block, half, outside, centres[balls], radii[balls], resolution)
             if len(missed) > _MOST:
-                return radii, np.array(missed)
-    return radii, np.array(missed).reshape(-1, 3)
+                break
+    return np.array(missed).reshape(-1, 3)
 
 
-def _fit_block(
-    cells: Array, half: Array, outside: _Outside, c: Array, largest: Array, radii: Array, resolution: float
+def _block_holes(
+    cells: Array, half: Array, outside: _Outside, c: Array, r: Array, resolution: float
 ) -> list[Array]:
-    """`fit_radii` for one block; raises `radii` in place."""
     while len(cells):
-        left, farthest, _ = _not_covered(cells, half, c, radii)
+        left, nearest = _not_covered(cells, half, c, r)
         depth = outside(cells[left])
         meets = depth <= np.linalg.norm(half)
-        cells, farthest, depth = cells[left][meets], farthest[left][meets], depth[meets]
-        hopeless = (farthest > largest).all(axis=1)
-        if half.max() <= resolution:
-            _raise(radii, largest, cells[~hopeless], farthest[~hopeless])
-            return list(cells[hopeless][:4])
-        lost = np.flatnonzero(hopeless & (depth <= 0))
-        lost = lost[(np.linalg.norm(cells[lost, None, :] - c, axis=2) > largest).all(axis=1)]
-        if len(lost):
-            return list(cells[lost[:4]])
+        cells, nearest, depth = cells[left][meets], nearest[left][meets], depth[meets]
+        lost = np.ones(len(cells), dtype=bool) if half.max() <= resolution else (depth <= 0) & (nearest > 0)
+        if lost.any():
+            return list(cells[lost][:4])
         cells, half = _split(cells, half)
     return []
-
-
-def _raise(radii: Array, largest: Array, cells: Array, farthest: Array) -> None:
-    """Raise radii, in place, until every cell's farthest corner is in some ball, each by as little as it takes."""
-    waiting = np.ones(len(cells), dtype=bool)
-    while True:
-        waiting &= ~(farthest <= radii).any(axis=1)
-        rows = np.flatnonzero(waiting)
-        if len(rows) == 0:
-            return
-        extra = np.where(farthest[rows] <= largest, farthest[rows] - radii, np.inf)
-        row = int(np.argmax(extra.min(axis=1)))
-        best = int(np.argmin(extra[row]))
-        radii[best] = farthest[rows[row], best]
 
 
 def farthest_distance(piece: Piece, points: Array) -> Array:
@@ -216,7 +192,7 @@ def _search(piece: Piece, c: Array, r: Array, resolution: float) -> UncoveredCel
     for block, first_half, balls in _blocks(piece, c, r):
         cells, half = block, first_half
         while len(cells):
-            left, _, nearest = _not_covered(cells, half, c[balls], r[balls])
+            left, nearest = _not_covered(cells, half, c[balls], r[balls])
             depth = outside(cells[left])
             meets = depth <= np.linalg.norm(half)
             cells, nearest, depth = cells[left][meets], nearest[left][meets], depth[meets]
@@ -231,11 +207,9 @@ def _search(piece: Piece, c: Array, r: Array, resolution: float) -> UncoveredCel
     return None
 
 
-def _not_covered(cells: Array, half: Array, c: Array, r: Array) -> tuple[NDArray[np.bool_], Array, Array]:
-    """Which cells (k, 3) no single ball holds; the distance of each ball's centre to each cell's farthest corner
-    (k, m); the signed distance of the cells' centres to the nearest ball (k,).
-    """
+def _not_covered(cells: Array, half: Array, c: Array, r: Array) -> tuple[NDArray[np.bool_], Array]:
+    """Which cells (k, 3) no single ball holds; the signed distance of the cells' centres to the nearest ball (k,)."""
     offset = np.abs(cells[:, None, :] - c)
     farthest = np.sqrt(np.sum((offset + half) ** 2, axis=2))
     nearest = (np.sqrt(np.sum(offset**2, axis=2)) - r).min(axis=1, initial=np.inf)
-    return ~(farthest <= r).any(axis=1), farthest, nearest
+    return ~(farthest <= r).any(axis=1), nearest

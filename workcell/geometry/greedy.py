@@ -8,9 +8,10 @@ import numpy as np
 
 from workcell.errors import ModelError
 from workcell.geometry.clearance import ObstacleArrays
-from workcell.geometry.cover_proof import RESOLUTION, fit_radii
+from workcell.geometry.cover_proof import holes
 from workcell.geometry.polytope import polytope_of
 from workcell.geometry.separation import bounding_box
+from workcell.geometry.tighten import tighten
 from workcell.geometry.types import Piece
 from workcell.pose import Array
 
@@ -26,11 +27,11 @@ _MOST = 150
 _PATIENCE = 6
 """Moves of the balls in search of a cover with as few of them, before holes get balls of their own."""
 
-_TIGHTNESS = 2.5e-4
+_TIGHTNESS = 5e-5
 """Metres: half the edge of the cells that decide how small each ball may be."""
 
-_PAD = 3.6e-4
-"""Metres added to every radius in the end: the largest diameter of the proof's smallest cells, so that it must succeed."""
+_PAD = 8e-5
+"""Metres added to every radius in the end: more than the diameter of the proof's smallest cells, so that it must succeed."""
 
 _CANDIDATES, _SAMPLES, _WORKING = 3000, 12_000, 1500
 """Largest numbers of possible centres, of samples, and of those samples that the search begins with."""
@@ -52,11 +53,10 @@ def cover_union(pieces: Sequence[Piece], overshoot: float) -> tuple[Array, Array
         missed = _missed(shape, centres, samples, aim)
         if len(missed) == 0:
             largest = overshoot - _PAD - shape.nearest(centres)[0]
-            missed = fit_radii(pieces, centres, largest, largest, resolution=RESOLUTION)[1]
+            missed = holes(pieces, centres, largest)
             if len(missed) == 0:
-                smallest = _reach(centres, largest, samples) + _TIGHTNESS
-                fitted = fit_radii(pieces, centres, largest, smallest, resolution=_TIGHTNESS)[0]
-                return centres, fitted + _PAD
+                centres, radii = tighten(pieces, centres, largest, resolution=_TIGHTNESS)
+                return centres, radii + _PAD
             samples = np.vstack([samples, missed])
         working = np.vstack([working, missed])
         if turn >= _PATIENCE:
@@ -206,13 +206,3 @@ def _greedy(candidates: Array, radii: Array, samples: Array) -> Array:
             chosen.remove(index)
             count -= holds[index]
     return np.array(chosen)
-
-
-def _reach(centres: Array, largest: Array, samples: Array) -> Array:
-    """The radii (m,) that the samples need of the balls that suit them best."""
-    squares = _squares(centres, samples)
-    owner = np.argmin(squares - largest[:, None] ** 2, axis=0)
-    reach = np.zeros(len(centres))
-    np.maximum.at(reach, owner, np.sqrt(np.maximum(squares[owner, np.arange(len(samples))], 0.0)))
-    radii: Array = np.maximum(reach, 1e-3)
-    return radii

@@ -81,6 +81,7 @@ class CollisionModel:
         self._boxes[np.isinf(self._pad), 3:] = np.inf
         self._reach = self._pad[self._pairs].sum(axis=1)
         self._fromto = np.zeros(6)
+        self._pair_links = self._links_of(self._pairs)
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
@@ -126,11 +127,11 @@ class CollisionModel:
         best, nearest, points = limit, (-1, -1), np.zeros((2, 3))
         if len(self._pairs) == 0:
             return Distance(limit, ("", ""), points)
-        candidates, bounds = self._lower_bounds(limit)
+        near, bounds = self._lower_bounds(limit, 0.0)
         for k in np.argsort(bounds):
             if bounds[k] >= best:
                 break
-            a, b = (int(g) for g in candidates[k])
+            a, b = (int(g) for g in self._pairs[near[k]])
             distance = self._mujoco.mj_geomDistance(model, data, a, b, max(best, 0.0), self._fromto)
             if distance < best:
                 best, nearest = distance, (a, b)
@@ -138,22 +139,71 @@ class CollisionModel:
         names = (geom_name(model, nearest[0]), geom_name(model, nearest[1])) if nearest[0] >= 0 else ("", "")
         return Distance(float(best), names, points)
 
-    def _lower_bounds(self, limit: float) -> tuple[NDArray[np.int64], Array]:
-        """The pairs that may have the smallest distance, and lower bounds of it, from bounding spheres and boxes.
+    def excess(self, q: ArrayLike, moved: Array, *, limit: float = 10.0) -> tuple[float, Distance]:
+        """By how much every pair's distance at `q` (n,) exceeds how far its links may move; the pair with the least.
 
-        Two bounding spheres give a bound that holds for overlapping geoms too; planes have none. The distance between
-        one geom's bounding sphere and the other's bounding box is often larger (a board's sphere is huge); it counts
-        where it is positive. The distance of two centres, which lie inside their convex geoms, is an upper bound.
+        Only pairs whose bounding spheres and boxes leave that open are measured, so that links that hardly move,
+        such as those next to the base, cost nothing.
+
+        Args:
+            q: configuration (n,).
+            moved: (n + 1, n + 1) metres by which points of link b may move relative to link a < b; row 0 is the world.
+            limit: distances beyond it count as it, metres.
+
+        Returns:
+            The least of distance minus motion, and the distance of that pair.
+        """
+        data, model = self._data, self._model
+        data.qpos[:] = self.full_qpos(q)
+        self._mujoco.mj_kinematics(model, data)
+        least, nearest, distance, points = limit, (-1, -1), limit, np.zeros((2, 3))
+        motion = moved[self._pair_links[:, 0], self._pair_links[:, 1]]
+        if len(self._pairs) == 0:
+            return least, Distance(distance, ("", ""), points)
+        near, bounds = self._lower_bounds(limit, motion)
+        for k in np.argsort(bounds):
+            if bounds[k] >= least:
+                break
+            (a, b), lost = (int(g) for g in self._pairs[near[k]]), float(motion[near[k]])
+            found = self._mujoco.mj_geomDistance(model, data, a, b, max(least + lost, 0.0), self._fromto)
+            if found - lost < least:
+                least, nearest, distance = found - lost, (a, b), found
+                points = self._fromto.reshape(2, 3).copy()
+        names = (geom_name(model, nearest[0]), geom_name(model, nearest[1])) if nearest[0] >= 0 else ("", "")
+        return float(least), Distance(float(distance), names, points)
+
+    def _links_of(self, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+        """For pairs of geoms the links (p, 2) that carry them, the lower first; 0 for what stands in the world."""
+        owner = {body: link for link, bodies in enumerate(self.robot.link_body_ids) for body in bodies}
+        if self._attached is not None:
+            owner |= dict.fromkeys(self._attached.body_ids, self.robot.robot.tool().link)
+        links = [[owner.get(int(self._model.geom_bodyid[g]), 0) for g in pair] for pair in pairs]
+        return np.sort(np.array(links, dtype=np.int64).reshape(-1, 2), axis=1)
+
+    def _lower_bounds(self, limit: float, motion: Array | float) -> tuple[NDArray[np.int64], Array]:
+        """The pairs that may have the smallest distance less motion, and lower bounds of it.
+
+        They come from bounding spheres and boxes. Two bounding spheres give a bound that holds for overlapping geoms
+        too; planes have none. The distance between one geom's bounding sphere and the other's bounding box is often
+        larger (a board's sphere is huge); it counts where it is positive. The distance of two centres, which lie
+        inside their convex geoms, is an upper bound.
+
+        Args:
+            limit: metres; larger values are of no interest.
+            motion: (p,) metres to subtract from the distance of each pair, or 0.
+
+        Returns:
+            (k,) rows of the pairs and (k,) bounds.
         """
         centre, radius = self._data.geom_xpos, self._pad
-        apart = np.linalg.norm(centre[self._pairs[:, 0]] - centre[self._pairs[:, 1]], axis=1)
+        apart = np.linalg.norm(centre[self._pairs[:, 0]] - centre[self._pairs[:, 1]], axis=1) - motion
         spheres = apart - self._reach
-        near = spheres < min(limit, float(apart.min()))
-        pairs, spheres = self._pairs[near], spheres[near]
-        a, b = pairs[:, 0], pairs[:, 1]
+        near = np.flatnonzero(spheres < min(limit, float(apart.min())))
+        a, b, spheres = self._pairs[near, 0], self._pairs[near, 1], spheres[near]
         boxes = np.maximum(self._to_box(centre[a], b) - radius[a], self._to_box(centre[b], a) - radius[b])
-        bounds: Array = np.where(boxes > 0, np.maximum(spheres, boxes), spheres)
-        return pairs, bounds
+        moved = np.broadcast_to(motion, len(self._pairs))[near]
+        bounds: Array = np.where(boxes > 0, np.maximum(spheres, boxes - moved), spheres)
+        return near, bounds
 
     def _to_box(self, points: Array, geoms: NDArray[np.int64]) -> Array:
         """Distances (k,) of points (k, 3) to the bounding boxes of as many geoms."""

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,11 +21,18 @@ from numpy.typing import ArrayLike
 from workcell.errors import InputError
 from workcell.geometry.types import SphereCover
 from workcell.ik.problem import Clearance
+from workcell.model.contact import CollisionModel
 from workcell.model.robot import Robot
 from workcell.motion.path import Path, Trajectory
+from workcell.motion.polynomials import PolynomialMotion
 from workcell.pose import Array
 
 Checker = Callable[[Array], Clearance]
+
+_STRETCH = 0.2
+"""Radians of the first intervals in a scene."""
+_DISTANCE_TOLERANCE = 1e-6
+"""Metres by which MuJoCo's distances between convex shapes may be off: its solver stops there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +69,19 @@ def motion_bound(robot: Robot, q: Array, half: Array, extent: SphereCover) -> fl
     """
     if len(extent) == 0:
         return 0.0
+    return float(link_motion(robot, q, half, extent)[0].max())
+
+
+def link_motion(robot: Robot, q: Array, half: Array, extent: SphereCover) -> Array:
+    """How far points of one link can move relative to another, while each joint stays within `half` of its value.
+
+    Arguments as in `motion_bound`; every geom lies within the spheres of the link that carries it.
+
+    Returns:
+        (n + 1, n + 1) metres, upper bounds: row a, column b > a for points of link b as seen from link a; row 0 is the
+        world. Zero elsewhere.
+    """
+    bounds = np.zeros((robot.dof + 1, robot.dof + 1))
     T = robot.link_transforms(q)
     centres = extent.centres_world(T)
     axes = np.einsum("kij,kj->ki", T[1:, :3, :3], robot.axis)
@@ -72,7 +93,8 @@ def motion_bound(robot: Robot, q: Array, half: Array, extent: SphereCover) -> fl
     moved = np.zeros(len(extent))
     for j in range(robot.dof - 1, -1, -1):
         moved += carried[:, j] * (slides[j] + chords[j] * (arms[:, j] + moved))
-    return float(moved.max())
+        np.maximum.at(bounds[j], extent.link, moved)
+    return bounds
 
 
 def prove_path(
@@ -100,13 +122,17 @@ def prove_path(
         InputError: inner spheres, or none although the robot has geometry.
     """
     stray = np.broadcast_to(np.asarray(slack, dtype=float), (len(path) - 1, path.robot.dof))
-    queue: deque[tuple[float, float]] = deque([(0.0, float(len(path) - 1))])
+    collision = _compiled_model(checker)
+    look = _look(path.robot, checker, collision, extent)
+    edges = _first_edges(path) if collision is not None else [0.0, float(len(path) - 1)]
+    queue: deque[tuple[float, float]] = deque(pairwise(edges))
     margin, smallest, spent = np.inf, Clearance(np.inf), 0
     while queue:
         begin, end = queue.popleft()
         middle = 0.5 * (begin + end)
         q = path.at(middle)
-        found = checker(q)
+        half = _half_widths(path, stray, begin, end, q)
+        found, kept = look(q, half)
         if spent == 0:
             _check_extent(extent, found)
         spent += 1
@@ -114,8 +140,6 @@ def prove_path(
             smallest = found
         if not found.distance >= floor:
             return Proof(False, -np.inf, smallest, middle, _words(found, floor), spent)
-        half = _half_widths(path, stray, begin, end, q)
-        kept = found.distance - motion_bound(path.robot, q, half, extent)
         if kept >= floor:
             margin = min(margin, kept)
         elif (end - begin < 1 and half.max() < resolution + stray.max()) or spent >= max_evaluations:
@@ -124,6 +148,43 @@ def prove_path(
         else:
             queue += [(begin, middle), (middle, end)]
     return Proof(True, float(margin), smallest, float("nan"), "", spent)
+
+
+def _compiled_model(checker: Checker) -> CollisionModel | None:
+    """The model behind a checker that is the `clearance` of a scene's world."""
+    collision = getattr(getattr(checker, "__self__", None), "collision", None)
+    return collision if isinstance(collision, CollisionModel) else None
+
+
+def _first_edges(path: Path) -> list[float]:
+    """Path parameters at most `_STRETCH` apart: over longer intervals too many pairs of geoms come into question."""
+    length = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path.configurations, axis=0)).max(axis=1))])
+    count = max(int(np.ceil(length[-1] / _STRETCH)), 1)
+    inner = np.interp(np.linspace(0.0, length[-1], count + 1)[1:-1], length, np.arange(len(path)))
+    return [0.0, *np.unique(inner).tolist(), float(len(path) - 1)]
+
+
+def _look(
+    robot: Robot, checker: Checker, collision: CollisionModel | None, extent: SphereCover
+) -> Callable[[Array, Array], tuple[Clearance, float]]:
+    """How to look at one configuration: a clearance, and what is left of all clearances within `half` of it.
+
+    A scene's compiled model is asked link by link: there a pair loses no more than its own links move. Any other
+    checker knows the smallest clearance alone, which loses what any point of the robot moves.
+    """
+    if collision is not None and len(extent):
+
+        def of_pairs(q: Array, half: Array) -> tuple[Clearance, float]:
+            kept, found = collision.excess(q, link_motion(robot, q, half, extent))
+            return Clearance(found.distance, found.pair), kept - _DISTANCE_TOLERANCE
+
+        return of_pairs
+
+    def of_all(q: Array, half: Array) -> tuple[Clearance, float]:
+        found = checker(q)
+        return found, found.distance - motion_bound(robot, q, half, extent) - _DISTANCE_TOLERANCE
+
+    return of_all
 
 
 def prove_segment(
@@ -145,17 +206,17 @@ def trajectory_clearance(
 ) -> Proof:
     """Prove that a timed motion keeps its clearance above `floor` over all of time, not only at its samples.
 
-    The motion is compared with straight lines between every `every`-th sample: between samples `h` seconds apart a
-    coordinate whose acceleration stays below a strays from the chord by at most `a h^2 / 8`; that is added as slack.
-    (The acceleration is read at the samples; that of a retimed trajectory is continuous, see `retime`.)
+    Between its samples a trajectory is the quintics that share position, velocity and acceleration there. They are
+    compared with straight lines between every `every`-th sample: over h seconds a coordinate whose acceleration
+    stays below a, which is read off the quintics' coefficients, strays from the chord by at most `a h^2 / 8`; that is
+    added as slack.
 
     Raises:
         InputError: the trajectory leaves the joint limits.
     """
     keep = np.unique(np.append(np.arange(0, len(trajectory), max(every, 1)), len(trajectory) - 1))
-    acceleration = np.abs(trajectory.qdd)
+    acceleration = PolynomialMotion.of_trajectory(trajectory).largest(2)
     largest = np.maximum.reduceat(acceleration, keep[:-1], axis=0)
-    largest = np.maximum(largest, acceleration[keep[1:]])
     slack = largest * np.diff(trajectory.time[keep])[:, None] ** 2 / 8
     return prove_path(Path(robot, trajectory.q[keep]), checker, extent, floor=floor, slack=slack)
 

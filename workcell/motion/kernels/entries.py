@@ -1,12 +1,15 @@
 """What Python calls: every compiled entry point, and the structures and constants that go with them."""
 
 from workcell.motion.kernels.body import Body
+from workcell.motion.kernels.curve import prove_curves
 from workcell.motion.kernels.line import BLOCKED, PROVED, SPENT, TIGHT, gaps, prove_edges, prove_lines
 from workcell.motion.kernels.shorten import shorten
+from workcell.motion.kernels.steps import CONE
 from workcell.motion.kernels.tree import EDGES, FINEST, FULL, ITERATIONS, JOINED, LOOKS, OPEN, Trees, grow
 
 __all__ = [
     "BLOCKED",
+    "CONE",
     "EDGES",
     "FINEST",
     "FULL",
@@ -21,6 +24,7 @@ __all__ = [
     "Trees",
     "gaps",
     "grow",
+    "prove_curves",
     "prove_edges",
     "prove_lines",
     "shorten",

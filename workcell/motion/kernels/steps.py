@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from workcell.geometry.kernels.chain import carried
 from workcell.geometry.kernels.distance import HALFSPACE, signed_distance
 from workcell.jit import inner
 from workcell.motion.kernels.body import Body, span
@@ -42,17 +43,6 @@ class Steps(NamedTuple):
     gap: float
     first: int
     second: int
-
-
-@inner
-def carried(T: Array, link: int, row: Array, k: int) -> tuple[float, float, float]:
-    """World position of the point in row k of spheres or balls, carried by a link."""
-    x, y, z = row[k, 0], row[k, 1], row[k, 2]
-    return (
-        T[link, 9] + T[link, 0] * x + T[link, 1] * y + T[link, 2] * z,
-        T[link, 10] + T[link, 3] * x + T[link, 4] * y + T[link, 5] * z,
-        T[link, 11] + T[link, 6] * x + T[link, 7] * y + T[link, 8] * z,
-    )
 
 
 @inner
@@ -106,12 +96,18 @@ def safe_steps(
         bx, by, bz = carried(T, link, body.balls, link)
         radius, bend = body.balls[link, 3], A[0, link]
         travel = _ball_travel(W, 0, link, bx, by, bz, radius, half, bend)
+        reach = radius + travel + level + SAFETY
         for j in range(body.obstacles.shape[0]):
-            if _far(body, j, bx, by, bz, radius + travel + level + SAFETY):
+            if _far(body, j, bx, by, bz, reach):
                 continue
-            for i in range(begin, end):
-                x, y, z = carried(T, link, body.spheres, i)
+            for i in range(begin - 1, end):
+                # the ball around the spheres comes first; one call for both is compiled once
+                x, y, z = (bx, by, bz) if i < begin else carried(T, link, body.spheres, i)
                 d, gx, gy, gz = signed_distance(body.obstacles, body.faces, j, x, y, z)
+                if i < begin:
+                    if d > reach:
+                        break
+                    continue
                 d -= body.spheres[i, 3]
                 if d < gap:
                     gap, first, second = d, i, j
@@ -127,13 +123,13 @@ def safe_steps(
 
 @inner
 def _far(body: Body, j: int, x: float, y: float, z: float, reach: float) -> bool:
-    """Whether obstacle j is surely farther than `reach` from a point, by its bounding ball and its own distance."""
-    if body.obstacles[j, 0] != HALFSPACE:
-        dx, dy, dz = x - body.obstacles[j, 1], y - body.obstacles[j, 2], z - body.obstacles[j, 3]
-        reach_ball = reach + body.obstacles[j, 16]
-        if dx * dx + dy * dy + dz * dz > reach_ball * reach_ball:
-            return True
-    return signed_distance(body.obstacles, body.faces, j, x, y, z)[0] > reach
+    """Whether obstacle j is surely farther than `reach` from a point, by its bounding ball."""
+    if body.obstacles[j, 0] == HALFSPACE:
+        return False
+    dx, dy, dz = x - body.obstacles[j, 1], y - body.obstacles[j, 2], z - body.obstacles[j, 3]
+    reach += body.obstacles[j, 16]
+    far: bool = dx * dx + dy * dy + dz * dz > reach * reach
+    return far
 
 
 @inner

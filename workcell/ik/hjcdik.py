@@ -15,6 +15,7 @@ import numpy as np
 
 from workcell.ik.hjcd_batch import BatchSolution, smallest_gaps, solve_batch, solve_two_phase
 from workcell.ik.packing import (
+    empty_world,
     has_collisions,
     kernels,
     narrowed_arm,
@@ -67,7 +68,7 @@ def prepare(refinement: bool = False) -> None:
     entries = kernels()
     q, cost, first = np.zeros((1, 1)), np.zeros(1), np.zeros((0, 1))
     arm = entries.Arm(np.zeros((3, 13)), np.zeros((3, 1)))
-    world = entries.World(np.zeros((0, 6)), np.zeros((2, 6)), np.zeros((0, 19)), np.zeros((0, 13)), 0.0)
+    world = empty_world(1)
     entries.solve_targets(arm, np.zeros((0, 7)), first, ACCURACY, 0, random_state(0), q, cost)
     entries.search(arm, world, np.zeros(7), first, ACCURACY, ACCURACY, 0, new_memory(1, 0), q[0])
     if refinement:
@@ -235,11 +236,13 @@ class _Search:
         memory = self._lanes[0][1]
         for row in memory.misses:
             if row[0] > -1e3:
-                sphere, obstacle = (
-                    sphere_name(self.problem, int(row[1])),
-                    self.problem.obstacles[int(row[2])].name,
+                sphere, other = sphere_name(self.problem, int(row[1])), int(row[2])
+                against = (
+                    self.problem.obstacles[other].name
+                    if other >= 0
+                    else sphere_name(self.problem, -1 - other)
                 )
-                reasons.append(f"{sphere} is {_gap(row[0])} {obstacle}")
+                reasons.append(f"{sphere} is {_gap(row[0])} {against}")
         if not reasons:
             entries = kernels()
             reasons.append(_unreached(int(memory.counts[entries.RESTARTS]), memory.counts[entries.BEST]))

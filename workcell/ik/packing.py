@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from workcell.geometry.packing import joint_bounds, pack_arm, pack_cover, pack_obstacles
 from workcell.ik.problem import IKProblem
+from workcell.pose import Array
 
 if TYPE_CHECKING:
     from workcell.geometry.kernels.chain import Arm
@@ -37,14 +38,30 @@ def narrowed_arm(problem: IKProblem) -> Arm:
 def pack_world(problem: IKProblem) -> World:
     """The problem's spheres and obstacles; without either, a world in which nothing collides."""
     if problem.cover is None or not has_collisions(problem):
-        empty = np.zeros((0, 6)), np.zeros((problem.robot.dof + 1, 6)), np.zeros((0, 19)), np.zeros((0, 13))
-        nothing: World = kernels().World(*empty, 0.0)
-        return nothing
+        return empty_world(problem.robot.dof)
     spheres, balls = pack_cover(problem.robot, problem.cover)
     obstacles, faces = pack_obstacles(problem.obstacles)
     margin = float(problem.tolerances.safety_margin)
-    world: World = kernels().World(spheres, balls, obstacles, faces, margin)
+    world: World = kernels().World(spheres, balls, obstacles, faces, _pairs(problem, spheres), margin)
     return world
+
+
+def empty_world(dof: int) -> World:
+    """No spheres, no obstacles."""
+    pairs = np.zeros((0, 2), dtype=np.int64)
+    nothing: World = kernels().World(
+        np.zeros((0, 6)), np.zeros((dof + 1, 6)), np.zeros((0, 19)), np.zeros((0, 13)), pairs, 0.0
+    )
+    return nothing
+
+
+def _pairs(problem: IKProblem, spheres: Array) -> NDArray[np.int64]:
+    """The problem's pairs of spheres as rows of `spheres`, which are sorted by link."""
+    if problem.self_collision is None:
+        return np.zeros((0, 2), dtype=np.int64)
+    row = np.empty(len(spheres), dtype=np.int64)
+    row[spheres[:, 4].astype(np.int64)] = np.arange(len(spheres))
+    return row[problem.self_collision]
 
 
 def shrunk_world(problem: IKProblem, world: World) -> World:
@@ -56,8 +73,9 @@ def shrunk_world(problem: IKProblem, world: World) -> World:
 
 
 def has_collisions(problem: IKProblem) -> bool:
-    """Whether there are spheres and obstacles in the solvers' model."""
-    return problem.cover is not None and len(problem.cover) > 0 and len(problem.obstacles) > 0
+    """Whether there are spheres in the solvers' model, and obstacles or pairs that they must keep clear of."""
+    pairs = 0 if problem.self_collision is None else len(problem.self_collision)
+    return problem.cover is not None and len(problem.cover) > 0 and len(problem.obstacles) + pairs > 0
 
 
 def new_memory(dof: int, seed: int) -> Memory:

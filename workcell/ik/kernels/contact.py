@@ -1,4 +1,4 @@
-"""Clearances of the robot's spheres among the obstacles: the smallest, those below a margin, and who could touch whom."""
+"""Clearances of the robot's spheres, among the obstacles and among themselves: the smallest, those below a margin, gradients."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class Contacts(NamedTuple):
     """Pairs closer than a margin.
 
     Attributes:
-        rows: (MOST_CONTACTS, 9) gap, gradient (3), sphere's centre (3), link, sphere's row and obstacle packed as
-            `sphere * obstacles + obstacle`.
+        rows: (MOST_CONTACTS, 14) gap, gradient (3), sphere's centre (3) and link; the sphere's row, and the obstacle or
+            minus one less the row of another sphere; that sphere's centre (3) and link, -1 for an obstacle.
         used: (1,) rows in use.
     """
 
@@ -35,7 +35,7 @@ class Contacts(NamedTuple):
 @inner
 def room() -> Contacts:
     """An empty list of contacts."""
-    return Contacts(np.empty((MOST_CONTACTS, 9)), np.zeros(1))
+    return Contacts(np.empty((MOST_CONTACTS, 14)), np.zeros(1))
 
 
 @inner
@@ -72,7 +72,8 @@ def collect(world: World, T: Array, margin: float, stop_below: float, contacts: 
                 if gap < margin and count < MOST_CONTACTS:
                     rows[count, 0], rows[count, 1], rows[count, 2], rows[count, 3] = gap, u, v, w
                     rows[count, 4], rows[count, 5], rows[count, 6] = x, y, z
-                    rows[count, 7], rows[count, 8] = float(link), float(i * obstacles + j)
+                    rows[count, 7], rows[count, 8], rows[count, 9] = float(link), float(i), float(j)
+                    rows[count, 13] = -1.0
                     count += 1
                 if gap < smallest:
                     smallest = gap
@@ -80,23 +81,55 @@ def collect(world: World, T: Array, margin: float, stop_below: float, contacts: 
                         contacts.used[0] = count
                         return smallest
     contacts.used[0] = count
+    return min(smallest, _collect_pairs(world, T, margin, contacts))
+
+
+@inner
+def _collect_pairs(world: World, T: Array, margin: float, contacts: Contacts) -> float:
+    """Add the robot's own pairs with a gap below `margin`; returns the smallest gap among them."""
+    rows, count, smallest = contacts.rows, int(contacts.used[0]), FAR
+    for p in range(world.pairs.shape[0]):
+        i, j = world.pairs[p, 0], world.pairs[p, 1]
+        x, y, z = carried(T, int(world.spheres[i, 5]), world.spheres, i)
+        a, b, c = carried(T, int(world.spheres[j, 5]), world.spheres, j)
+        u, v, w = x - a, y - b, z - c
+        d = math.sqrt(u * u + v * v + w * w)
+        gap = d - world.spheres[i, 3] - world.spheres[j, 3]
+        smallest = min(smallest, gap)
+        if gap < margin and count < MOST_CONTACTS:
+            d = max(d, 1e-12)
+            rows[count, 0], rows[count, 1], rows[count, 2], rows[count, 3] = gap, u / d, v / d, w / d
+            rows[count, 4], rows[count, 5], rows[count, 6], rows[count, 7] = x, y, z, world.spheres[i, 5]
+            rows[count, 8], rows[count, 9] = float(i), float(-1 - j)
+            rows[count, 10], rows[count, 11], rows[count, 12] = a, b, c
+            rows[count, 13] = world.spheres[j, 5]
+            count += 1
+    contacts.used[0] = count
     return smallest
 
 
 @inner
 def contact_row(frames: Array, T: Array, rows: Array, c: int, out: Array) -> None:
     """Gradient of contact c's gap with respect to the joints, into out (n,)."""
-    link = int(rows[c, 7])
-    u, v, w = rows[c, 1], rows[c, 2], rows[c, 3]
     for k in range(out.shape[0]):
         out[k] = 0.0
-        if k < link:
-            zx, zy, zz = T[k + 1, 2], T[k + 1, 5], T[k + 1, 8]
-            if frames[k + 1, 12] == 0.0:
-                rx, ry, rz = rows[c, 4] - T[k + 1, 9], rows[c, 5] - T[k + 1, 10], rows[c, 6] - T[k + 1, 11]
-                out[k] = u * (zy * rz - zz * ry) + v * (zz * rx - zx * rz) + w * (zx * ry - zy * rx)
-            else:
-                out[k] = u * zx + v * zy + w * zz
+    _add_rates(frames, T, rows[c], 4, 1.0, out)
+    if rows[c, 13] >= 0.0:
+        _add_rates(frames, T, rows[c], 10, -1.0, out)
+
+
+@inner
+def _add_rates(frames: Array, T: Array, row: Array, at: int, share: float, out: Array) -> None:
+    """Add `share` times the rates along a contact's gradient of the point in row[at:], with its link after it."""
+    u, v, w = share * row[1], share * row[2], share * row[3]
+    x, y, z = row[at], row[at + 1], row[at + 2]
+    for k in range(int(row[at + 3])):
+        zx, zy, zz = T[k + 1, 2], T[k + 1, 5], T[k + 1, 8]
+        if frames[k + 1, 12] == 0.0:
+            rx, ry, rz = x - T[k + 1, 9], y - T[k + 1, 10], z - T[k + 1, 11]
+            out[k] += u * (zy * rz - zz * ry) + v * (zz * rx - zx * rz) + w * (zx * ry - zy * rx)
+        else:
+            out[k] += u * zx + v * zy + w * zz
 
 
 @inner
@@ -107,7 +140,9 @@ def idle_stretch(world: World, T: Array, twist: Array, spare: float, hint: Array
     inside and moves with speed v stays inside for depth / v, and short of a clearance of `spare` for (depth +
     spare) / v. The pair in hint (2,) is asked first, and replaced by the one with the longest stretch.
     """
-    longest = _stretch(world, T, twist, spare, int(hint[0]), int(hint[1])) if hint[0] >= 0 else 0.0
+    longest = 0.0
+    if hint[0] >= 0:
+        longest = _stretch(world, T, twist, spare, int(hint[0]), int(hint[1]))
     if longest > 0.1:
         return longest
     for link in range(world.balls.shape[0]):
@@ -125,21 +160,47 @@ def idle_stretch(world: World, T: Array, twist: Array, spare: float, hint: Array
                     hint[0], hint[1] = float(i), float(j)
                     if longest > 0.1:
                         return longest
+    for p in range(world.pairs.shape[0]):
+        i, j = world.pairs[p, 0], -1 - world.pairs[p, 1]
+        stretch = _stretch(world, T, twist, spare, i, j)
+        if stretch > longest:
+            longest = stretch
+            hint[0], hint[1] = float(i), float(j)
     return longest
 
 
 @inner
 def _stretch(world: World, T: Array, twist: Array, spare: float, i: int, j: int) -> float:
-    link = int(world.spheres[i, 5])
-    x, y, z = carried(T, link, world.spheres, i)
-    gap = signed_distance(world.obstacles, world.faces, j, x, y, z)[0] - world.spheres[i, 3] - world.required
+    """The same for sphere i in obstacle j, or in sphere -1 - j."""
+    x, y, z = carried(T, int(world.spheres[i, 5]), world.spheres, i)
+    vx, vy, vz = _velocity(twist, int(world.spheres[i, 5]), x, y, z)
+    if j >= 0:
+        gap = signed_distance(world.obstacles, world.faces, j, x, y, z)[0] - world.spheres[i, 3]
+    else:
+        other = -1 - j
+        a, b, c = carried(T, int(world.spheres[other, 5]), world.spheres, other)
+        ux, uy, uz = _velocity(twist, int(world.spheres[other, 5]), a, b, c)
+        vx, vy, vz = vx - ux, vy - uy, vz - uz
+        gap = (
+            math.sqrt((x - a) ** 2 + (y - b) ** 2 + (z - c) ** 2)
+            - world.spheres[i, 3]
+            - world.spheres[other, 3]
+        )
+    gap -= world.required
     if gap >= -1e-5:
         return 0.0
-    vx = twist[link, 0] + twist[link, 4] * z - twist[link, 5] * y
-    vy = twist[link, 1] + twist[link, 5] * x - twist[link, 3] * z
-    vz = twist[link, 2] + twist[link, 3] * y - twist[link, 4] * x
     stretch: float = (spare - gap) / max(math.sqrt(vx * vx + vy * vy + vz * vz), 1e-6)
     return stretch
+
+
+@inner
+def _velocity(twist: Array, link: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Velocity of a point that a link carries."""
+    return (
+        twist[link, 0] + twist[link, 4] * z - twist[link, 5] * y,
+        twist[link, 1] + twist[link, 5] * x - twist[link, 3] * z,
+        twist[link, 2] + twist[link, 3] * y - twist[link, 4] * x,
+    )
 
 
 @kernel

@@ -19,6 +19,7 @@ class World(NamedTuple):
         balls: (n + 1, 6) for each link a ball around its spheres (centre, radius) and their first and last row.
         obstacles: (k, 19) kind, centre (3), rotation (9), size (3), bounding radius, first and last row in `faces`.
         faces: (f, 13) triangles of hulls in the hull's frame: outward unit normal (3), offset, corners (9).
+        pairs: (p, 2) rows of spheres that must keep clear of each other.
         required: metres of clearance that a solution keeps.
     """
 
@@ -26,6 +27,7 @@ class World(NamedTuple):
     balls: Array
     obstacles: Array
     faces: Array
+    pairs: NDArray[np.int64]
     required: float
 
 

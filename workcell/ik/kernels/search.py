@@ -49,7 +49,8 @@ class Memory(NamedTuple):
         walked_count: (1,).
         curve: (n,) where the present curve was entered.
         held: (n,) 1 for joints that stand still on it.
-        misses: (MISSES, n + 3) gap, sphere, obstacle, configuration; the smallest penetration first.
+        misses: (MISSES, n + 3) gap, sphere, obstacle (or minus one less another sphere), configuration; the smallest
+            penetration first.
     """
 
     random: NDArray[np.uint64]
@@ -75,11 +76,10 @@ def _note(memory: Memory, world: World, q: Array, contacts: Contacts) -> None:
         for k in range(n + 3):
             memory.misses[place, k] = memory.misses[place - 1, k]
         place -= 1
-    pair = int(contacts.rows[worst, 8])
-    obstacles = world.obstacles.shape[0]
+    other = int(contacts.rows[worst, 9])
     memory.misses[place, 0] = gap
-    memory.misses[place, 1] = world.spheres[pair // obstacles, 4]
-    memory.misses[place, 2] = float(pair % obstacles)
+    memory.misses[place, 1] = world.spheres[int(contacts.rows[worst, 8]), 4]
+    memory.misses[place, 2] = float(other) if other >= 0 else -1.0 - world.spheres[-1 - other, 4]
     for k in range(n):
         memory.misses[place, 3 + k] = q[k]
 

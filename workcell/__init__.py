@@ -19,9 +19,11 @@ if TYPE_CHECKING:
     from workcell.model.load import load_robot
     from workcell.model.robot import Robot
     from workcell.model.scene import Scene
-    from workcell.motion.follow import FollowLimits, follow, line
+    from workcell.motion.follow import FollowLimits, follow
     from workcell.motion.path import Path, Trajectory
     from workcell.motion.retime import retime
+    from workcell.motion.route import route
+    from workcell.motion.toolpath import FREE, PathTolerance, arc, circle, line, polyline, through
     from workcell.motion.world import PlanningWorld
     from workcell.pose import Pose
     from workcell.record.recording import Recording
@@ -47,10 +49,17 @@ _HOMES = {
     "Scene": "model.scene",
     "FollowLimits": "motion.follow",
     "follow": "motion.follow",
-    "line": "motion.follow",
     "Path": "motion.path",
     "Trajectory": "motion.path",
     "retime": "motion.retime",
+    "route": "motion.route",
+    "FREE": "motion.toolpath",
+    "PathTolerance": "motion.toolpath",
+    "arc": "motion.toolpath",
+    "circle": "motion.toolpath",
+    "line": "motion.toolpath",
+    "polyline": "motion.toolpath",
+    "through": "motion.toolpath",
     "PlanningWorld": "motion.world",
     "Pose": "pose",
     "Recording": "record.recording",

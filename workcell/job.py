@@ -19,9 +19,12 @@ from workcell.model.scene import Scene
 from workcell.motion.dynamics import ChainDynamics
 from workcell.motion.follow import FollowLimits, follow, path_metrics, step_solver
 from workcell.motion.path import Path, Trajectory
+from workcell.motion.plan import PlanSettings, plan
 from workcell.motion.proof import trajectory_clearance
 from workcell.motion.reach import reach
 from workcell.motion.retime import retime
+from workcell.motion.route import route
+from workcell.motion.toolpath import PathTolerance
 from workcell.motion.world import PlanningWorld
 from workcell.pose import Array, Pose
 from workcell.record.recording import Recording
@@ -33,6 +36,8 @@ from workcell.simulate.simulation import Simulation
 
 TRACKING_ROOM = 0.001
 """Metres that a timed motion keeps clear: the tracking error that the simulation may have."""
+MOVING = PlanSettings(clearance=0.005)
+"""How joint motions between two configurations are planned."""
 PLANNERS = ("ikspark", "cidgik", "auto")
 
 
@@ -106,6 +111,49 @@ class Job:
         self._tell_path(world, result.path, limits, what)
         return result.path
 
+    def trace(
+        self,
+        world: PlanningWorld,
+        poses: Sequence[Pose],
+        limits: FollowLimits,
+        what: str,
+        *,
+        tolerance: PathTolerance | None = None,
+        q_start: Array | None = None,
+    ) -> Path:
+        """A continuous joint path along tool poses, from the start that leads all the way (or from the given one)."""
+        result = route(
+            world.problem(poses[0]),
+            poses,
+            q_start,
+            tolerance=tolerance,
+            limits=limits,
+            solver=self.planner,
+            seed=self.seed,
+        )
+        for line in result.tried:
+            self.say(f"{what}: {line}")
+        if result.path is None or result.metrics is None or not result.followed:
+            where = "" if result.failure is None else f" {result.failure.words}"
+            self.fail(result.status.value, f"{what}{where}. {result.status.sentence}")
+        metrics = result.metrics
+        self.say(
+            f"{what}: {metrics.waypoints} waypoints, largest step {metrics.largest_step:.3f} rad, half-way at most "
+            f"{1e3 * metrics.deviation_m:.2f} mm off, manipulability {1e3 * metrics.manipulability:.2f}e-3 or more, "
+            f"{metrics.limit_distance:.2f} rad or more from limits, proved {1e3 * metrics.clearance_between:.0f} mm clear"
+        )
+        return result.path
+
+    def move(self, world: PlanningWorld, q_from: Array, q_to: Array, what: str) -> Path:
+        """A collision-free joint path between two configurations; without one the task ends with the reason."""
+        found = plan(
+            world.robot.robot, q_from, q_to, world.clearance, world.cover, settings=MOVING, seed=self.seed
+        )
+        if found.path is None:
+            self.fail(found.status.value, f"{what}: {found.detail}. {found.status.sentence}")
+        self.say(f"{what}: {len(found.path)} waypoints, proved clear")
+        return found.path
+
     def reach(
         self, world: PlanningWorld, q_start: Array, inward: Sequence[Pose], limits: FollowLimits, what: str
     ) -> Path:
@@ -163,6 +211,12 @@ class Job:
     def simulation(self) -> Simulation:
         """A simulation of the scene that logs into the recording."""
         return Simulation(self.scene, controller=self.controller, on_chunk=self._log_chunk)
+
+    def tool_trace(self, simulation: Simulation, begin: float, end: float) -> Array:
+        """(k, 3) where the tool was, in the world, between two moments of the simulation (seconds)."""
+        rows = simulation.result()
+        points: Array = rows.tool_position[(rows.time >= begin) & (rows.time <= end)]
+        return points
 
     def _log_chunk(self, chunk: Execution) -> None:
         self.recording.log_execution(chunk)

@@ -79,7 +79,11 @@ def _task_of(source: str | Path, robot: str | None) -> TaskFile:
         entry = task.robots[0]
         if robot == entry.model:
             return task
-        return replace(task, robots=(replace(entry, model=robot, start=None, gripper_site="tool"),))
+        # a robot that is called after its model is called after the other one now, by the goals too
+        name = Path(robot).stem if entry.name == entry.model else entry.name
+        goals = tuple(replace(goal, robot=name) if goal.robot == entry.name else goal for goal in task.goals)
+        other = replace(entry, name=name, model=robot, start=None, gripper_site="tool")
+        return replace(task, robots=(other,), goals=goals)
     if text not in list_assets("cells") and not is_path(text):
         raise UnknownNameError("task or cell", text, [*list_tasks(), *list_assets("cells")])
     path = find_asset("cells", source)

@@ -145,8 +145,13 @@ def _tools(model: mujoco.MjModel, bodies: set[int], prefix: str, walk: _Walk) ->
 
 
 def is_gripper(model: mujoco.MjModel) -> bool:
-    """Whether a model by itself is a hand: its one actuator, `gripper`, drives no joint directly."""
+    """Whether a model by itself is a hand: its one actuator, `gripper`, drives no joint directly; or a tool without joints.
+
+    A tool without joints is a body with a site `tool`, such as a stylus.
+    """
     actuators = [model.actuator(i).name for i in range(model.nu)]
+    if not actuators and model.njnt == 0:
+        return any(model.site(site).name == "tool" for site in range(model.nsite))
     driven = any(actuator_of_joint(model, joint) is not None for joint in range(model.njnt))
     return actuators == ["gripper"] and not driven
 

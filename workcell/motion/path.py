@@ -74,6 +74,11 @@ class Path:
         """The same path, travelled backwards."""
         return Path(self.robot, self.configurations[::-1], self.tool_poses[::-1])
 
+    def part(self, first: int, last: int) -> Path:
+        """The stretch from waypoint `first` to waypoint `last`, both included."""
+        rows = slice(first, last + 1)
+        return Path(self.robot, self.configurations[rows], self.tool_poses[rows])
+
     @property
     def start(self) -> Array:
         """(n,) the first configuration."""

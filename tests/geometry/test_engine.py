@@ -218,6 +218,11 @@ def test_bad_input_is_named():
     ):
         with pytest.raises(InputError, match="shape"):
             ask(q)
+    for words in ("home", ["a"] * 7, [[0.0], [1.0, 2.0]]):
+        with pytest.raises(InputError, match="not an array of numbers"):
+            engine.clearance(words)
+        with pytest.raises(InputError, match="not an array of numbers"):
+            engine.obstacles.distances(words)
     with pytest.raises(InputError, match="threads"):
         engine.clearances(np.zeros((3, 7)), threads=0)
     for pairs in ([(0, 20)], [(1, 1)], [(-1, 2)], [0, 1], [(0.5, 1.0)]):

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from tests.ik.arms import beads, box, planar, random_arm, seven
+from workcell.geometry.engine import ClearanceEngine
+from workcell.geometry.self_collision import self_collision_pairs
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.batch import pose_errors
 from workcell.ik.multistart import joint_bounds, solve_multistart
-from workcell.ik.problem import Budget, Clearance, IKProblem
+from workcell.ik.problem import Budget, Clearance, IKProblem, Tolerances
 from workcell.ik.verify import verify
 from workcell.pose import Pose
 
@@ -155,3 +157,24 @@ def test_a_narrow_slot_is_entered():
     problem = IKProblem(robot, target, slot, cover)
     assert verify(problem, q).accepted
     assert verify(problem, solve_multistart(problem, BUDGET, 1).q).accepted
+
+
+def test_the_robot_does_not_hit_itself():
+    robot, rng = seven(), np.random.default_rng(3)
+    cover = beads(robot, 0.1)
+    pairs = self_collision_pairs(robot, cover).pairs
+    own = ClearanceEngine(robot, cover, (), pairs)
+    configurations = robot.random_configuration(rng, 400)
+    gaps = own.clearances(configurations)
+    hidden = configurations[(gaps > 0) & (gaps < 0.01)][:4]
+    assert len(hidden) == 4
+    for q in hidden:
+        problem = IKProblem(robot, robot.fk(q), cover=cover, self_collision=pairs)
+        candidate = solve_multistart(problem, BUDGET, 0)
+        assert verify(problem, candidate.q).accepted and own.clearance(candidate.q) >= 0
+    blocked = IKProblem(
+        robot, robot.fk(hidden[0]), cover=cover, self_collision=pairs, q_reference=hidden[0], max_step=0.02,
+        tolerances=Tolerances(safety_margin=0.05),
+    )  # fmt: skip
+    missed = solve_multistart(blocked, Budget(0.2), 0)
+    assert missed.q is None and any(reason.count("sphere") == 2 for reason in missed.rejected)

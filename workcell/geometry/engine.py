@@ -205,7 +205,10 @@ class ClearanceEngine:
 
     def _rows(self, q: ArrayLike, ndim: int | None = None) -> Array:
         """Configurations (c, n) as the kernels take them: checked, writable, without gaps."""
-        values = np.asarray(q, dtype=float)
+        try:
+            values = np.asarray(q, dtype=float)
+        except (TypeError, ValueError):
+            raise InputError("joint values are not an array of numbers", where="q") from None
         n = self.robot.dof
         if values.ndim == 0 or values.shape[-1] != n or (ndim is not None and values.ndim != ndim):
             wanted = {None: f"(..., {n})", 1: f"({n},)", 2: f"(b, {n})"}[ndim]

@@ -98,7 +98,10 @@ def _kernels() -> Any:
 
 def _flat_points(points: ArrayLike) -> tuple[Array, tuple[int, ...]]:
     """Points (p, 3) as the kernels take them (writable, without gaps), and the shape they had before."""
-    x = np.asarray(points, dtype=float)
+    try:
+        x = np.asarray(points, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError("points are not an array of numbers", where="points") from None
     if x.ndim == 0 or x.shape[-1] != 3:
         raise InputError(f"points of shape {x.shape}", where="points", remedy="an array (..., 3)")
     if not np.isfinite(x).all():

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.errors import UnknownNameError
 from workcell.geometry.types import Piece, SphereCover
@@ -105,7 +106,7 @@ def joint_points(robot: Robot) -> SphereCover:
     return _moving(robot, np.arange(1, robot.dof + 1), np.zeros((robot.dof, 3)))
 
 
-def _moving(robot: Robot, links: Array, centres: Array) -> SphereCover:
+def _moving(robot: Robot, links: NDArray[np.int64], centres: Array) -> SphereCover:
     cover = SphereCover(links, centres, np.full(len(links), POINT_RADIUS))
     q = robot.random_configuration(np.random.default_rng(0), 2)
     here, there = cover.centres_world(robot.link_transforms(q))

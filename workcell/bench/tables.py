@@ -25,6 +25,7 @@ BenchFunction = Callable[[int, int, Path | None], list[Row]]
 _PROVIDERS = (
     "workcell.bench.sets",
     "workcell.bench.ikspark",
+    "workcell.bench.cidgik",
     "workcell.bench.hjcd",
     "workcell.bench.tasks",
     "workcell.bench.clearance",

@@ -186,6 +186,37 @@ class Instance:
         """Z (N, N)."""
         return smat(self.Z0 + self.D @ y, self.structure.order)
 
+    def excess(self, Z: Array) -> tuple[float, Array]:
+        """h(Z) in the points' metric (Eq. 12), and the objective C = U U^T of Problem 5 pulled back to Z's basis."""
+        L, d = self.metric, self.structure.skeleton.dimension
+        values, vectors = np.linalg.eigh(L.T @ Z @ L)
+        U = L @ vectors[:, :-d]
+        return float(values[:-d].sum()), U @ U.T
+
+    def nuclear(self) -> Array:
+        """C = I over all points: the nuclear norm."""
+        C: Array = self.metric @ self.metric.T
+        return C
+
+    def random_objective(self, rng: np.random.Generator) -> Array:
+        """A Wishart matrix of random rank over all points."""
+        order = len(self.metric)
+        R = self.metric @ rng.standard_normal((order, int(rng.integers(1, order + 1))))
+        C: Array = R @ R.T / order
+        return C
+
+    def toward(self, q: Array) -> Array:
+        """The objective that is zero at a configuration (n,)."""
+        X = self.structure.reduction.basis_at(q)
+        columns = np.vstack([X, np.eye(X.shape[1])])[self.structure.keep]
+        return self.excess(columns @ columns.T)[1]
+
+    def directions(self, Z: Array) -> dict[int, Array]:
+        """By link, its basis directions (s, d) as Z has them."""
+        columns = np.vstack([self.basis(Z), np.eye(self.structure.skeleton.dimension)])
+        found = self.structure.reduction.directions
+        return {link: vectors.at(self.G) @ columns for link, vectors in found.items()}
+
     def basis(self, Z: Array) -> Array:
         """X (r, d) over the whole basis, dropped vectors filled in: normal to what they must be normal to."""
         structure, d = self.structure, self.structure.skeleton.dimension

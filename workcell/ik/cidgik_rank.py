@@ -39,37 +39,6 @@ class Iterate:
         return self.gap < RANK_GAP
 
 
-def excess(instance: Instance, Z: Array) -> tuple[float, Array]:
-    """h(Z) in the points' metric, and the objective C = U U^T of Problem 5 pulled back to Z's basis."""
-    L, d = instance.metric, instance.structure.skeleton.dimension
-    values, vectors = np.linalg.eigh(L.T @ Z @ L)
-    U = L @ vectors[:, :-d]
-    return float(values[:-d].sum()), U @ U.T
-
-
-def nuclear(instance: Instance) -> Array:
-    """C = I over all points: the nuclear norm."""
-    L = instance.metric
-    C: Array = L @ L.T
-    return C
-
-
-def random_objective(instance: Instance, rng: np.random.Generator) -> Array:
-    """A Wishart matrix of random rank over all points."""
-    L = instance.metric
-    order = len(L)
-    R = L @ rng.standard_normal((order, int(rng.integers(1, order + 1))))
-    C: Array = R @ R.T / order
-    return C
-
-
-def toward(instance: Instance, X: Array) -> Array:
-    """The objective that is zero at the configuration with basis X (r, d)."""
-    d = X.shape[1]
-    full = np.vstack([X, np.eye(d)])[instance.structure.keep]
-    return excess(instance, full @ full.T)[1]
-
-
 def converge(instance: Instance, C: Array) -> Iterator[Iterate]:
     """Algorithm 1 from an objective; ends at rank d, or when it is slow."""
     before = np.inf
@@ -82,7 +51,7 @@ def converge(instance: Instance, C: Array) -> Iterator[Iterate]:
             yield Iterate(None)
             return
         Z = instance.matrix(solution.x)
-        gap, C = excess(instance, Z)
+        gap, C = instance.excess(Z)
         iterate = Iterate(Z, gap, C=C)
         yield iterate
         if iterate.low_rank or (step > 1 and gap > SLOW * before):

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
-from workcell.ik.cidgik_instance import Instance
 from workcell.ik.cidgik_skeleton import Skeleton
 from workcell.pose import Array
 from workcell.remember import ByIdentity
@@ -14,24 +14,21 @@ from workcell.remember import ByIdentity
 _tables = ByIdentity()
 
 
-def joint_angles(instance: Instance, X: Array) -> Array:
-    """(n,) angles in (-pi, pi] of the configuration with basis X (r, d).
+def joint_angles(skeleton: Skeleton, directions: Mapping[int, Array]) -> Array:
+    """(n,) angles in (-pi, pi] of the configuration whose links have these basis directions (s, d), seen from the base.
 
     Joint by joint, with the link before known, the angle about the axis z that best takes the link's directions b0 at
     angle zero to the found ones b: atan2(sum z . (b0 x b), sum of products across the axis). A posed link's directions
     are the goal's, so the last angle is read off the goal frame.
     """
-    structure = instance.structure
-    skeleton, directions = structure.skeleton, structure.reduction.directions
     robot = skeleton.robot
-    columns = np.vstack([X, np.eye(skeleton.dimension)]) @ skeleton.plane
     rotation = np.empty((robot.dof + 1, 3, 3))
     rotation[0] = np.eye(3)
     q = np.zeros(robot.dof)
     tables: list[tuple[Array, ...]] = _tables.get((skeleton,), lambda: _per_joint(skeleton))
     for joint, (across, side, K, squared) in enumerate(tables):
         before = rotation[int(robot.parents[joint])] @ robot.joint_rotation[joint]
-        turned = before.T @ (directions[joint + 1].at(instance.G) @ columns).T
+        turned = before.T @ (directions[joint + 1] @ skeleton.plane).T
         q[joint] = math.atan2(float((side * turned).sum()), float((across * turned).sum()))
         rotation[joint + 1] = before @ (
             np.eye(3) + math.sin(q[joint]) * K + (1.0 - math.cos(q[joint])) * squared

@@ -78,40 +78,38 @@ class Reduction:
 
     Attributes:
         skeleton: what was reduced.
+        links: whose directions and origins take part, in ascending order.
         rank: r, number of independent unknown vectors.
         directions: by link, its basis directions as `Vectors` (s, ...).
-        origins: the links' origins as `Vectors` (n + 1, ...).
+        origins: by link, its origin as a single `Vectors`.
+        like: any `Vectors`, for their widths.
     """
 
-    def __init__(self, skeleton: Skeleton) -> None:
+    def __init__(self, skeleton: Skeleton, links: tuple[int, ...] | None = None) -> None:
         self.skeleton = skeleton
-        links = range(skeleton.robot.dof + 1)
-        self._starts = np.concatenate([[0], np.cumsum([skeleton.basis[k].shape[1] for k in links])])
-        d, total = skeleton.dimension, int(self._starts[-1]) + skeleton.robot.dof + 1
-        samples = np.random.default_rng(_SEED).uniform(
-            -np.pi, np.pi, (2 * total // d + 8, skeleton.robot.dof)
-        )
-        T = _base_transforms(skeleton, samples)
-        unknown = np.swapaxes(self._values(T), 1, 2).reshape(len(samples) * d, -1)
-        goals = np.swapaxes(_goal_columns_of(skeleton, T), 1, 2).reshape(len(samples) * d, -1)
-        known = np.hstack([np.tile(np.eye(d), (len(samples), 1)), goals])
-        columns, coefficients = _independent(unknown, known)
-        self.rank = len(columns)
+        self.links = tuple(range(skeleton.robot.dof + 1)) if links is None else links
+        starts = np.concatenate([[0], np.cumsum([skeleton.basis[k].shape[1] for k in self.links])])
+        d, total = skeleton.dimension, int(starts[-1]) + len(self.links)
+        q = np.random.default_rng(_SEED).uniform(-np.pi, np.pi, (2 * total // d + 8, skeleton.robot.dof))
+        T = _base_transforms(skeleton, q)
+        unknown = np.swapaxes(self._values(T), 1, 2).reshape(len(q) * d, -1)
+        goals = np.swapaxes(_goal_columns_of(skeleton, T), 1, 2).reshape(len(q) * d, -1)
+        known = np.hstack([np.tile(np.eye(d), (len(q), 1)), goals])
+        self._chosen, coefficients = _independent(unknown, known)
+        self.rank = len(self._chosen)
         alpha, rest = coefficients[: self.rank].T, coefficients[self.rank :].T
-        vectors = Vectors(alpha, rest[:, :d], rest[:, d:])
-        first = int(self._starts[-1])
-        self.directions = [
-            vectors.part(a, b) for a, b in zip(self._starts[:-1], self._starts[1:], strict=True)
-        ]
-        self.origins = vectors.part(first, None)
-        self._chosen = columns
+        self.like = Vectors(alpha, rest[:, :d], rest[:, d:])
+        bounds = list(zip(starts[:-1], starts[1:], strict=True))
+        self.directions = {k: self.like.part(a, b) for k, (a, b) in zip(self.links, bounds, strict=True)}
+        self.origins = {k: self.like.one(int(starts[-1]) + i) for i, k in enumerate(self.links)}
+        self._directions_end = int(starts[-1])
 
     def _values(self, T: Array) -> Array:
         """(samples, vectors, d) directions of all links, then their origins."""
-        skeleton = self.skeleton
-        parts = [T[:, k, :3, :3] @ skeleton.basis[k] for k in range(skeleton.robot.dof + 1)]
+        skeleton, links = self.skeleton, list(self.links)
+        parts = [T[:, k, :3, :3] @ skeleton.basis[k] for k in links]
         directions = np.swapaxes(np.concatenate(parts, axis=2), 1, 2)
-        return np.concatenate([directions, T[:, :, :3, 3]], axis=1) @ skeleton.plane.T
+        return np.concatenate([directions, T[:, links][..., :3, 3]], axis=1) @ skeleton.plane.T
 
     def basis_at(self, q: Array) -> Array:
         """X (r, d) of a configuration (n,)."""
@@ -124,11 +122,11 @@ class Reduction:
 
     def point(self, link: int, local: Array) -> Vectors:
         """A point (3,) of a link, within the span of its basis."""
-        return self.origins.one(link).plus(self.direction(link, local))
+        return self.origins[link].plus(self.direction(link, local))
 
     def points(self, links: NDArray[np.int64], local: Array) -> Vectors:
         """Several points, (m,) links and (m, 3) places in them."""
-        return stack([self.point(int(k), c) for k, c in zip(links, local, strict=True)], self.origins)
+        return stack([self.point(int(k), c) for k, c in zip(links, local, strict=True)], self.like)
 
     def columns_at(self, q: Array) -> Array:
         """The goals' columns (g, d) if the robot stood at q (n,)."""
@@ -141,7 +139,8 @@ class Reduction:
         reach = np.zeros(robot.dof + 1)
         for joint in range(robot.dof):
             reach[joint + 1] = reach[int(robot.parents[joint])] + np.linalg.norm(robot.joint_xyz[joint])
-        chosen: Array = np.concatenate([np.ones(self._starts[-1]), reach])[self._chosen]
+        lengths = np.concatenate([np.ones(self._directions_end), reach[list(self.links)]])
+        chosen: Array = lengths[self._chosen]
         return chosen
 
 

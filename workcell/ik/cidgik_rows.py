@@ -84,16 +84,22 @@ def rigid_rows(reduction: Reduction) -> Products:
     """Equalities: the directions of each link are orthonormal, and neighbouring frames are of one hand."""
     builder = ProductsBuilder()
     skeleton = reduction.skeleton
-    for link in range(1, skeleton.robot.dof + 1):
+    for link in reduction.links:
         if link in skeleton.known:
             continue
         directions = reduction.directions[link]
         for i in range(len(directions.alpha)):
             for j in range(i + 1):
                 builder.add([(1.0, directions.one(i), directions.one(j))], float(i == j))
-    for joint in range(skeleton.robot.dof):
+    for joint in joints_within(reduction):
         _handed_rows(builder, reduction, joint)
-    return builder.build(reduction.origins)
+    return builder.build(reduction.like)
+
+
+def joints_within(reduction: Reduction) -> list[int]:
+    """Joints between two links of a reduction."""
+    links, parents = set(reduction.links), reduction.skeleton.robot.parents
+    return [joint for joint, parent in enumerate(parents) if {int(parent), joint + 1} <= links]
 
 
 def _handed_rows(builder: ProductsBuilder, reduction: Reduction, joint: int) -> None:
@@ -119,12 +125,13 @@ class LimitRows:
     """
 
     def __init__(self, reduction: Reduction) -> None:
-        self.limited = reduction.skeleton.limited
+        within = set(joints_within(reduction))
+        self.limited = tuple(plan for plan in reduction.skeleton.limited if plan.joint in within)
         builder = ProductsBuilder()
         for plan in self.limited:
             terms = [(1.0, a, b) for a, b in _limit_vectors(reduction, plan)]
             builder.add(terms, 0.0)
-        self.products = builder.build(reduction.origins)
+        self.products = builder.build(reduction.like)
 
     def at(self, G: Array, middle: Array, half: Array) -> tuple[Array, Array]:
         """(m, k) triangles and (m,) constants: inner product with svec(Z) less the constant is >= 0."""
@@ -167,7 +174,7 @@ class FrameRows:
         self.dimension = skeleton.dimension
         turned: list[tuple[Vectors, Vectors, Vectors]] = []
         self.free: list[Vectors] = []
-        for link in sorted(skeleton.framed - skeleton.known):
+        for link in sorted((skeleton.framed - skeleton.known) & set(reduction.links)):
             frame = reduction.directions[link]
             if self.dimension == 2:
                 turned.append((frame.one(0), frame.one(1), frame.one(0)))
@@ -178,7 +185,7 @@ class FrameRows:
             else:
                 side = frame_about(axis)
                 turned.append(tuple(reduction.direction(link, side[:, i]) for i in (1, 2, 0)))  # type: ignore[arg-type]
-        like = reduction.origins
+        like = reduction.like
         self.turned = tuple(stack([t[i] for t in turned], like) for i in range(3))
 
     @staticmethod

@@ -10,7 +10,7 @@ import numpy as np
 
 from workcell.ik.cidgik_instance import Instance
 from workcell.ik.cidgik_proof import Proof, proof_of
-from workcell.ik.cidgik_rank import Iterate, converge, nuclear, random_objective, toward
+from workcell.ik.cidgik_rank import Iterate, converge
 from workcell.ik.cidgik_recover import joint_angles
 from workcell.ik.cidgik_workspace import Keeper
 from workcell.pose import Array
@@ -117,10 +117,10 @@ class Search:
     def _objective(self) -> Array:
         """First toward the configuration to stay near, or the nuclear norm (C = I); then random."""
         if self.restarts > 0:
-            return random_objective(self.instance, self.rng)
+            return self.instance.random_objective(self.rng)
         if self.near is None:
-            return nuclear(self.instance)
-        return toward(self.instance, self.instance.structure.reduction.basis_at(self.near))
+            return self.instance.nuclear()
+        return self.instance.toward(self.near)
 
     def _attempt(self, C: Array) -> Array | None:
         """One restart: converge, add the rows that are broken, converge again; a configuration, if there is one."""
@@ -146,7 +146,7 @@ class Search:
         return None
 
     def _angles(self, Z: Array) -> Array:
-        return joint_angles(self.instance, self.instance.basis(Z))
+        return joint_angles(self.instance.structure.skeleton, self.instance.directions(Z))
 
     def _accepted(self, finished: Finished) -> Array | None:
         if finished.refusal is None and not self.local and finished.moved > MAX_POLISH:
@@ -171,7 +171,7 @@ class Search:
     def _prove_with_all(self, keeper: Keeper) -> bool:
         """Add the rows on spheres that points of the relaxation itself break, until it is empty or keeps them all."""
         keeper.forget_passing()
-        C = nuclear(self.instance)
+        C = self.instance.nuclear()
         while not self.over():
             solution = self.instance.solve(C)
             if solution.status == "infeasible":

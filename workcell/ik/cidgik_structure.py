@@ -36,7 +36,7 @@ class Dropped:
 
 
 class Structure:
-    """What all queries of a robot with the same kinds of goals, points and limits share.
+    """What all queries of a robot with the same kinds of goals, points and limits share; of some `links` alone, or of all.
 
     Attributes:
         skeleton, reduction, rigid, limits, frames: vectors and rows.
@@ -51,16 +51,17 @@ class Structure:
         idle: solvers by number of slots.
     """
 
-    def __init__(self, skeleton: Skeleton) -> None:
+    def __init__(self, skeleton: Skeleton, links: tuple[int, ...] | None = None) -> None:
         self.skeleton = skeleton
-        self.reduction = Reduction(skeleton)
+        self.reduction = Reduction(skeleton, links)
         self.rigid = rigid_rows(self.reduction)
         self.limits = LimitRows(self.reduction)
         self.frames = FrameRows(self.reduction)
         self.whole = self.reduction.rank + skeleton.dimension
         G = self.reduction.columns_at(np.random.default_rng(_SEED).uniform(-2.5, 2.5, skeleton.robot.dof))
         rows, constants = self.equalities(G)
-        self.dropped = self._droppable(rows, constants, self._pinned(G))
+        # what is dropped from a part might be normal to something outside of it
+        self.dropped = self._droppable(rows, constants, self._pinned(G)) if links is None else ()
         gone = {entry.index for entry in self.dropped}
         self.keep = np.array([k for k in range(self.whole) if k not in gone])
         self.order = len(self.keep)
@@ -139,14 +140,14 @@ class Structure:
     def _metric(self, gone: set[int]) -> Vectors:
         """The paper's points p_i, q_i (and those along a frame's other axes) in whose metric ranks are weighed."""
         chosen = []
-        for link in range(1, self.skeleton.robot.dof + 1):
+        for link in self.reduction.links:
             if link in self.skeleton.known:
                 continue
             origin, directions = self.reduction.point(link, np.zeros(3)), self.reduction.directions[link]
             count = len(directions.alpha) if link in self.skeleton.framed else 1
             chosen += [origin] + [origin.plus(directions.one(k)) for k in range(count)]
         moving = [v for v in chosen if not any(v.alpha[k] for k in gone) and np.any(v.alpha)]
-        return stack(moving, self.reduction.origins)
+        return stack(moving, self.reduction.like)
 
 
 def places(order: int) -> NDArray[np.int64]:

@@ -17,7 +17,7 @@ from workcell.model.contact import CollisionModel
 from workcell.model.data import find_task
 from workcell.model.scene import Scene
 from workcell.motion.dynamics import ChainDynamics
-from workcell.motion.follow import FollowLimits, follow, path_metrics, step_solver
+from workcell.motion.follow import FollowLimits, follow, local_solver, path_metrics, step_solver
 from workcell.motion.path import Path, Trajectory
 from workcell.motion.plan import PlanSettings, plan
 from workcell.motion.proof import trajectory_clearance
@@ -100,8 +100,9 @@ class Job:
         self, world: PlanningWorld, poses: Sequence[Pose], q_start: Array, limits: FollowLimits, what: str
     ) -> Path:
         """A continuous joint path along tool poses; without one the task ends with the reason and the place."""
-        solver = step_solver(self.planner, seed=self.seed)
-        result = follow(world.problem(poses[0]), poses, q_start, limits=limits, solver=solver)
+        problem, rescue = world.problem(poses[0]), step_solver(self.planner, seed=self.seed)
+        solver = local_solver(problem, limits=limits, rescue=rescue, seed=self.seed)
+        result = follow(problem, poses, q_start, limits=limits, solver=solver)
         if result.path is None or not result.followed:
             failure = result.failure
             where = (

@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from workcell.geometry.types import SphereCover
 from workcell.ik.result import IKResult
 from workcell.ik.solve import solve
-from workcell.motion.follow import FollowLimits, FollowResult, follow, line, step_solver
+from workcell.motion.follow import FollowLimits, FollowResult, Solver, follow, line, local_solver, step_solver
 from workcell.motion.path import Path
-from workcell.motion.plan import PlanSettings, plan
+from workcell.motion.plan import PlanSettings
 from workcell.motion.world import PlanningWorld
+from workcell.motion.worldplan import plan_in_world
 from workcell.pose import Array, Pose
 
 
@@ -61,7 +61,11 @@ def reach(
     robot = world.robot.robot
     direct = [*line(robot.fk(q_start), inward[0]), *inward[1:]]
     followed = follow(
-        world.problem(direct[0]), direct, q_start, limits=limits, solver=step_solver(solver, seed=seed)
+        world.problem(direct[0]),
+        direct,
+        q_start,
+        limits=limits,
+        solver=_steps(world, direct[0], limits, solver, seed),
     )
     if followed.path is not None and followed.followed:
         return ReachResult(followed.path, "followed from the start", None, ())
@@ -94,18 +98,24 @@ def _by_way_of(
     """Out of the narrow way backwards from one goal configuration, then to the start in joint space."""
     outward = tuple(reversed(inward))
     back = follow(
-        world.problem(outward[0]), outward, q_goal, limits=limits, solver=step_solver(solver, seed=seed)
+        world.problem(outward[0]),
+        outward,
+        q_goal,
+        limits=limits,
+        solver=_steps(world, outward[0], limits, solver, seed),
     )
     if back.path is None or not back.followed:
         return None, _words(back)
-    extent: SphereCover = world.cover
     settings = PlanSettings(clearance=limits.clearance)
-    way = plan(
-        world.robot.robot, q_start, back.path.end, world.clearance, extent, settings=settings, seed=seed
-    )
+    way = plan_in_world(world, q_start, back.path.end, settings=settings, seed=seed)
     if way.path is None:
         return None, way.detail
     return way.path + back.path.reversed(), ""
+
+
+def _steps(world: PlanningWorld, first: Pose, limits: FollowLimits, solver: str, seed: int) -> Solver:
+    """Fast local steps, the solver behind them."""
+    return local_solver(world.problem(first), limits=limits, rescue=step_solver(solver, seed=seed), seed=seed)
 
 
 def _words(result: FollowResult) -> str:

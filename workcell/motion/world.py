@@ -18,6 +18,7 @@ from workcell.model.grip import fingers_at, fingers_holding, hand_clearance
 from workcell.model.robot import Robot
 from workcell.model.scene import Scene, SceneRobot
 from workcell.motion.hand_cover import cover_with_fingers
+from workcell.motion.inner_model import inner_model
 from workcell.pose import Array, Pose
 
 
@@ -129,6 +130,23 @@ class PlanningWorld:
             ),
         )
 
+    def close_to(self, geoms: Iterable[str]) -> PlanningWorld:
+        """The same world for a motion that comes closer to some geoms than the robot's spheres allow.
+
+        They are left out of the planners' obstacles; the compiled model, which decides and proves, counts them as ever.
+
+        Raises:
+            UnknownNameError: no obstacle has that name.
+        """
+        near, known = tuple(geoms), {piece.name for piece in self.obstacles}
+        absent = [name for name in near if name not in known and not self._is_carried(name)]
+        if absent:
+            raise UnknownNameError("geom", absent[0], known, where="close_to")
+        return replace(self, obstacles=tuple(piece for piece in self.obstacles if piece.name not in near))
+
+    def _is_carried(self, geom: str) -> bool:
+        return self.attached is not None and geom.startswith(f"{self.attached[0]}/")
+
     def problem(self, target: Pose, *, q_reference: Array | None = None, margin: float = 0.0) -> IKProblem:
         """The question: bring the tool to `target`, at least `margin` metres clear of everything."""
         return IKProblem(
@@ -141,6 +159,19 @@ class PlanningWorld:
             tool_pose=self.tool_pose,
             q_reference=q_reference,
             tolerances=Tolerances(safety_margin=margin),
+            inner=self._inside,
+        )
+
+    def _inside(self, problem: IKProblem) -> IKProblem:
+        """The same question about spheres inside the robot among the obstacles that it really collides with."""
+        model = inner_model(self.scene, self.robot, problem.obstacles, self.collision)
+        return replace(
+            problem,
+            cover=model.cover,
+            obstacles=model.obstacles,
+            self_collision=model.self_pairs,
+            free_space=None,
+            inner=None,
         )
 
     def clearance(self, q: Array) -> Clearance:

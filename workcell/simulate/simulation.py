@@ -190,6 +190,13 @@ class Simulation:
         """Ids of the geoms, not of the robots, that touch an object now; raises UnknownNameError."""
         return self._watch.touched_by(self._watch.geoms_of(name))
 
+    def stands_on(self, name: str, body: str) -> bool:
+        """Whether an object touches a body, and no robot; raises UnknownNameError."""
+        mine = self._watch.geoms_of(name)
+        below = self._watch.geoms([self._watch.body(body)])
+        robots = self._watch.geoms({b for arm in self.arms.values() for b in arm.robot.body_ids})
+        return self._watch.touching(mine, below) and not self._watch.touching(mine, robots)
+
     def apart(self, name: str, body: str) -> bool:
         """Whether an object has left a body: their bounding boxes, along the world's axes, don't overlap.
 
@@ -360,13 +367,17 @@ class Simulation:
         """
         self._watch.expect(self._watch.geoms_of(name), self._watch.geoms([self._watch.body(body)]))
 
-    def release(self, robot: str | None = None) -> bool:
-        """Let go of the object and open the gripper; the open hand may still touch it.
+    def release(self, robot: str | None = None, *, opening: float = 1.0) -> bool:
+        """Let go of the object and open the gripper by a share of its range; the open hand may still touch it.
+
+        After a stop it does nothing, like every order.
 
         Raises:
             InputError: the hand holds nothing.
         """
         arm, held = self.arm(robot), self.holding(robot)
+        if self.stop is not None:
+            return False
         if held is None:
             raise InputError("the hand holds nothing", where="release")
         held.weld.release(self._data)
@@ -374,7 +385,7 @@ class Simulation:
         self._watch.let_go(arm.name)
         self._share_load(held.thing.name)
         self.log(f"{self._whose(arm)}released the {held.thing.name}")
-        return self.move_gripper(1.0, robot)
+        return self.move_gripper(opening, robot)
 
     def _whose(self, arm: Arm) -> str:
         return f"{arm.name}: " if len(self.arms) > 1 else ""

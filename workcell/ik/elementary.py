@@ -66,7 +66,7 @@ def check_last_link(problem: IKProblem, certificate: Certificate) -> str | None:
 
 
 @dataclass(frozen=True, slots=True)
-class _Axes:
+class JointAxes:
     """A robot's joint axes with a point on each, `slides[k]` along axis k, as the reach bound needs them.
 
     Attributes:
@@ -88,12 +88,12 @@ class _Axes:
     plain: float
 
     @staticmethod
-    def of(robot: Robot) -> _Axes:
+    def of(robot: Robot) -> JointAxes:
         """The axes of a robot, remembered."""
-        return _axes.get((robot,), lambda: _Axes._make(robot))
+        return _axes.get((robot,), lambda: JointAxes._make(robot))
 
     @staticmethod
-    def _make(robot: Robot) -> _Axes:
+    def _make(robot: Robot) -> JointAxes:
         n, tool, base = robot.dof, robot.tool().T_link_tool, robot.T_world_base
         along = (robot.joint_rotation @ robot.axis[:, :, None])[..., 0]
         offset, links = robot.joint_xyz[1:], np.arange(n - 1)
@@ -101,7 +101,7 @@ class _Axes:
         slope[links, :, links], slope[links, :, links + 1] = -robot.axis[:-1], along[1:]
         in_link = np.swapaxes(slope, 1, 2)
         travel = np.where(robot.prismatic, np.maximum(np.abs(robot.lower), np.abs(robot.upper)), 0.0).sum()
-        return _Axes(
+        return JointAxes(
             offset,
             slope.reshape(-1, n),
             (in_link @ slope).reshape(-1, n * n),
@@ -126,13 +126,13 @@ class ReachBound:
         last: (2, 3) world points of the last axis at the target: origin, direction.
     """
 
-    axes: _Axes
+    axes: JointAxes
     last: Array
 
     @staticmethod
     def of(problem: IKProblem) -> ReachBound:
         """The bound's numbers for a problem."""
-        axes = _Axes.of(problem.robot)
+        axes = JointAxes.of(problem.robot)
         last = axes.in_tool @ target_rotation(problem).T
         last[0] += problem.target.position
         return ReachBound(axes, last)
@@ -224,7 +224,7 @@ def _prove_last_link(problem: IKProblem) -> Certificate | None:
 
 
 @dataclass(frozen=True, slots=True)
-class _Placed:
+class PlacedSpheres:
     """Spheres whose place follows from the target: indices (s,), points in the tool frame (s, 3), how far the centres
     stray from them (s,), the points' distances to the tool point (s,), and the radii (s,).
 
@@ -239,12 +239,12 @@ class _Placed:
     radius: Array
 
     @staticmethod
-    def of(robot: Robot, cover: SphereCover) -> _Placed:
+    def of(robot: Robot, cover: SphereCover) -> PlacedSpheres:
         """The spheres of a robot's cover, remembered."""
-        return _placed.get((robot, cover), lambda: _Placed._make(robot, cover))
+        return _placed.get((robot, cover), lambda: PlacedSpheres._make(robot, cover))
 
     @staticmethod
-    def _make(robot: Robot, cover: SphereCover) -> _Placed:
+    def _make(robot: Robot, cover: SphereCover) -> PlacedSpheres:
         tool = robot.tool()
         own = np.flatnonzero(cover.link == tool.link)
         points, stray = cover.centre[own], np.zeros(len(own))
@@ -256,7 +256,7 @@ class _Placed:
             stray = np.append(stray, np.linalg.norm(from_axis - height[:, None] * along, axis=1))
             own, points = np.append(own, before), np.vstack([points, height[:, None] * robot.axis[-1]])
         in_tool = (points - tool.T_link_tool.position) @ tool.T_link_tool.rotation
-        return _Placed(own, in_tool, stray, np.linalg.norm(in_tool, axis=1), cover.radius[own])
+        return PlacedSpheres(own, in_tool, stray, np.linalg.norm(in_tool, axis=1), cover.radius[own])
 
 
 _axes, _placed = ByIdentity(), ByIdentity()
@@ -266,14 +266,14 @@ _axes, _placed = ByIdentity(), ByIdentity()
 class _Depth:
     """Spheres that the target alone places, their gaps (s, k) to the obstacles there, and the clearance that is wanted."""
 
-    placed: _Placed
+    placed: PlacedSpheres
     gap: Array
     wanted: float
 
     @staticmethod
     def of(problem: IKProblem) -> _Depth:
         assert problem.cover is not None
-        placed = _Placed.of(problem.robot, problem.cover)
+        placed = PlacedSpheres.of(problem.robot, problem.cover)
         centres = placed.in_tool @ target_rotation(problem).T + problem.target.position
         gap = exact_distances(problem.obstacles)(centres) - placed.radius[:, None]
         return _Depth(placed, gap, problem.tolerances.safety_margin)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from workcell.geometry.packing import joint_bounds, pack_arm, pack_cover, pack_obstacles
 from workcell.ik.problem import IKProblem
 from workcell.pose import Array
+from workcell.remember import ByIdentity
 
 if TYPE_CHECKING:
     from workcell.geometry.kernels.chain import Arm
@@ -35,8 +36,15 @@ def narrowed_arm(problem: IKProblem) -> Arm:
     return arm._replace(bounds=joint_bounds(problem.robot, lower, np.maximum(upper, lower)))
 
 
+_worlds = ByIdentity()
+
+
 def pack_world(problem: IKProblem) -> World:
-    """The problem's spheres and obstacles; without either, a world in which nothing collides."""
+    """The problem's spheres and obstacles, remembered; without either, a world in which nothing collides."""
+    return _worlds.get((problem,), lambda: _world(problem))
+
+
+def _world(problem: IKProblem) -> World:
     if problem.cover is None or not has_collisions(problem):
         return empty_world(problem.robot.dof)
     spheres, balls = pack_cover(problem.robot, problem.cover)

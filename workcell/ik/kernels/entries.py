@@ -5,6 +5,7 @@ from workcell.ik.kernels.constrained import refine
 from workcell.ik.kernels.contact import smallest_gaps
 from workcell.ik.kernels.free import descend_batch, polish_batch, solve_targets
 from workcell.ik.kernels.options import World
+from workcell.ik.kernels.screen import deepest_at, stretch_chain
 from workcell.ik.kernels.search import (
     ARC,
     BEST,
@@ -38,10 +39,12 @@ __all__ = [
     "Arm",
     "Memory",
     "World",
+    "deepest_at",
     "descend_batch",
     "polish_batch",
     "refine",
     "search",
     "smallest_gaps",
     "solve_targets",
+    "stretch_chain",
 ]

@@ -15,7 +15,7 @@ import math
 from typing import NamedTuple
 
 from workcell.geometry.kernels.chain import carried
-from workcell.geometry.kernels.distance import HALFSPACE, signed_distance
+from workcell.geometry.kernels.distance import HALFSPACE, HULL, hull_height, signed_distance
 from workcell.jit import inner
 from workcell.motion.kernels.body import Body, span
 from workcell.pose import Array
@@ -103,17 +103,31 @@ def safe_steps(
             for i in range(begin - 1, end):
                 # the ball around the spheres comes first; one call for both is compiled once
                 x, y, z = (bx, by, bz) if i < begin else carried(T, link, body.spheres, i)
-                d, gx, gy, gz = signed_distance(body.obstacles, body.faces, j, x, y, z)
-                if i < begin:
-                    if d > reach:
+                near = reach
+                u, v, w = 0.0, 0.0, 0.0
+                if i >= begin:
+                    u, v, w = _velocity(W, 0, link, x, y, z)
+                    speed = math.sqrt(u * u + v * v + w * w)
+                    near = body.spheres[i, 3] + half * (speed + 0.5 * bend * half) + level + SAFETY
+                if (
+                    body.obstacles[j, 0] == HULL
+                    and hull_height(body.obstacles, body.faces, j, x, y, z) > near
+                ):
+                    if i < begin:
                         break
+                    continue
+                d, gx, gy, gz = signed_distance(body.obstacles, body.faces, j, x, y, z)
+                if d > near:
+                    if i < begin:
+                        break
+                    continue
+                if i < begin:
                     continue
                 d -= body.spheres[i, 3]
                 if d < gap:
                     gap, first, second = d, i, j
                     if d < floor:
                         return Steps(-1.0, -1.0, level, gap, first, second)
-                u, v, w = _velocity(W, 0, link, x, y, z)
                 spare, slope = (1.0 - keep) * (d - floor), gx * u + gy * v + gz * w
                 level = min(level, d - spare)
                 forward = min(forward, span(spare, slope, bend))

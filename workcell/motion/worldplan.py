@@ -1,0 +1,120 @@
+"""Paths in a scene: searched for among spheres, compiled, and proved on the compiled MuJoCo model, which alone decides.
+
+The spheres contain the robot with some overshoot, which may close a gap that the robot fits through; then they are
+tried without it, where a path is a guess until it is proved. Where both fail the compiled model itself is searched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from workcell.errors import InputError
+from workcell.geometry.self_collision import self_collision_pairs
+from workcell.geometry.types import SphereCover
+from workcell.motion.body import BodyClearance, Upright, pack_body
+from workcell.motion.ends import checked_end
+from workcell.motion.path import Path
+from workcell.motion.plan import PlanResult, PlanSettings, PlanStatus, plan
+from workcell.motion.proof import prove_path
+from workcell.motion.search import Effort, search
+from workcell.motion.world import PlanningWorld
+from workcell.pose import Array
+
+_SAMPLES = 200
+"""Configurations that tell which pairs of the cover's spheres always touch."""
+_SMALLEST = 1e-5
+"""Metres: radius that a sphere keeps when its overshoot is taken away."""
+
+
+def plan_in_world(
+    world: PlanningWorld,
+    q_start: ArrayLike,
+    q_goals: ArrayLike,
+    *,
+    settings: PlanSettings | None = None,
+    upright: Upright | None = None,
+    seed: int = 0,
+) -> PlanResult:
+    """A path from `q_start` (n,) to any of `q_goals` (k, n) or (n,), proved clear; the same seed gives the same path.
+
+    What the hand holds moves with it; the robot's own links keep clear of each other too.
+
+    Args:
+        world: what is known of the scene.
+        settings: clearance to keep, iterations, attempts.
+        upright: keep an axis of the tool within a cone all along.
+
+    Raises:
+        InputError: the start, or every goal, is outside the joint limits, in collision (which pair, how deep, and the
+            nearest free configuration that was found) or tilted too far.
+    """
+    settings = settings or PlanSettings()
+    robot = world.robot.robot
+    start, _ = checked_end(robot, q_start, world.clearance, "q_start", upright=upright)
+    goals = _clear_goals(world, np.atleast_2d(np.asarray(q_goals, dtype=float)), upright)
+    iterations, evaluations, detail = (
+        0,
+        0,
+        "start or goals are not clear of obstacles in the model of spheres",
+    )
+    for cover, keep in _covers(world.cover, settings):
+        pairs = self_collision_pairs(
+            robot, cover, links=world.collision.self_links, known_free=np.stack([start, *goals]), samples=_SAMPLES, prove=False
+        ).pairs  # fmt: skip
+        body = pack_body(robot, cover, world.obstacles, self_pairs=pairs, upright=upright)
+        clearance = BodyClearance(body, cover, world.obstacles)
+        gap, gaps = float(clearance.many(start[None])[0]), clearance.many(goals)
+        reachable = goals[gaps > 0]
+        if gap <= 0 or len(reachable) == 0:
+            continue
+        body = body._replace(floor=min(keep, 0.5 * gap, 0.5 * float(gaps[gaps > 0].min())))
+        effort = Effort(iterations=settings.attempts * settings.iterations, step=0.5 if upright else 1.0)
+        found = search(body, start, reachable, effort, seed)
+        iterations, evaluations = iterations + found.iterations, evaluations + found.looks
+        if found.path is None:
+            detail = f"the trees did not meet within {found.iterations} samples"
+            continue
+        path = Path(robot, found.path)
+        proof = prove_path(path, world.clearance, world.cover, floor=settings.clearance)
+        evaluations += proof.evaluations
+        if proof.proved:
+            return PlanResult(PlanStatus.PLANNED, path, proof, "", iterations, evaluations)
+        detail = proof.reason
+    if upright is not None:
+        return PlanResult(PlanStatus.NOT_FOUND, None, None, detail, iterations, evaluations)
+    nearest = goals[int(np.argmin(np.abs(goals - start).max(axis=1)))]
+    slow = plan(robot, start, nearest, world.clearance, world.cover, settings=settings, seed=seed)
+    return replace(slow, iterations=slow.iterations + iterations, evaluations=slow.evaluations + evaluations)
+
+
+def _clear_goals(world: PlanningWorld, goals: Array, upright: Upright | None) -> Array:
+    """The goals that may be one; raises for the first where none may."""
+    if len(goals) == 0:
+        raise InputError("there is no goal", where="q_goals", remedy="one configuration or more")
+    kept, first = [], None
+    for k, goal in enumerate(goals):
+        try:
+            kept.append(
+                checked_end(world.robot.robot, goal, world.clearance, f"q_goals[{k}]", upright=upright)[0]
+            )
+        except InputError as error:
+            first = first or error
+    if not kept and first is not None:
+        raise first
+    return np.stack(kept)
+
+
+def _covers(cover: SphereCover, settings: PlanSettings) -> Iterator[tuple[SphereCover, float]]:
+    """The cover, then the same without its overshoot, and the clearance to keep with each."""
+    yield cover, settings.clearance
+    assert cover.overshoot is not None  # always set by SphereCover
+    if np.any(cover.overshoot > 0):
+        radius = np.maximum(cover.radius - cover.overshoot, _SMALLEST)
+        yield (
+            replace(cover, radius=radius, overshoot=np.zeros(len(radius)), kind="given"),
+            settings.clearance + settings.spare,
+        )

@@ -76,7 +76,7 @@ def follow(
     """
     allowed = tolerance or PathTolerance()
     answer = solver or step_solver()
-    if not isinstance(answer, LocalSolver):
+    if not isinstance(answer, LocalSolver | Tolerant):
         answer = Tolerant(answer, allowed)
     tracker = _Tracker(template, limits or FollowLimits(), extent or template.cover, answer, allowed)
     return tracker.run(check_tool_path(tool_poses), np.asarray(q_start, dtype=float))
@@ -206,8 +206,7 @@ class _Tracker:
         result = self._solve(pose, q_previous)
         reason: _StepError | None = None
         if result.q is None or not result.solved:
-            self.solved += 2
-            reason = diagnose(self.solver, self.template, pose, q_previous, self.limits.max_step)
+            reason = self._why_no_step(pose, q_previous, halvings)
             if reason.status in _FINAL:
                 raise reason
         else:
@@ -219,6 +218,13 @@ class _Tracker:
             self._advance(pose, halvings - 1)
         elif reason is not None:
             raise reason
+
+    def _why_no_step(self, pose: Pose, q_previous: Array, halvings: int) -> _StepError:
+        """Why a pose was not reached: asked once for a given pose, and where the distance can't be halved further."""
+        if 0 < halvings < self.limits.max_halvings:
+            return _StepError(FollowStatus.STEP_TOO_LARGE, pose, "no configuration within the largest step")
+        self.solved += 2
+        return diagnose(self.solver, self.template, pose, q_previous, self.limits.max_step)
 
     def _solve(self, pose: Pose, q_previous: Array) -> IKResult:
         self.solved += 1

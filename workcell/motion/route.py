@@ -22,8 +22,9 @@ from workcell.ik.result import IKResult, Status
 from workcell.ik.solve import solve
 from workcell.motion.follow import diagnose, follow, local_solver, step_solver
 from workcell.motion.graph import DeadEnd, Routes, RouteSearch
+from workcell.motion.local import LocalTracker
 from workcell.motion.outcome import FollowFailure, FollowLimits, FollowResult, FollowStatus
-from workcell.motion.steps import LocalSolver, Tolerant, starting_poses
+from workcell.motion.steps import LocalSolver, Solver, Tolerant, starting_poses
 from workcell.motion.toolpath import PathTolerance, check_tool_path
 from workcell.pose import Array, Pose
 
@@ -35,6 +36,10 @@ ALONG = 6
 """Configurations sampled at a layer, where the starts alone don't lead to the end."""
 START_BUDGET, LAYER_BUDGET = Budget(0.6), Budget(0.15)
 """CPU seconds for the samples of the first pose, and of a layer."""
+CONVEX_STARTS = 8
+"""Configurations of the first pose that the convex solvers are asked for."""
+STEP_BUDGET = Budget(1.0)
+"""CPU seconds for one answer of the convex solvers along a path."""
 VERIFIED = 4
 """Routes that are followed in full, the cheapest first, before the search gives up."""
 
@@ -55,8 +60,9 @@ def route(
     Args:
         template, tool_poses, tolerance, limits, extent: as of `follow`.
         q_start: (n,) a configuration that has the tool at the first pose; None: any.
-        solver: `auto`: local tracking, with IKSPARK where it fails. `ikspark`, `cidgik`: starts and every step by the
-            convex method alone.
+        solver: `auto`: local tracking, with IKSPARK where it fails. `ikspark`, `cidgik`: every configuration, starts
+            included, by the convex method alone; the graph only says which start to take first, and which of the poses
+            that the tolerance allows to ask for.
         seed: same seed, same motion.
 
     Returns:
@@ -100,56 +106,59 @@ class _Search:
         self.problem = replace(template, tolerances=replace(template.tolerances, safety_margin=keep))
 
     def by_convex_steps(self, q_start: Array | None) -> FollowResult:
-        """Start by start, each step by the convex solver."""
+        """Every configuration by the convex solver; which start, and which allowed poses, the graph foretells."""
+        starts, answer = ([q_start], None) if q_start is not None else self._convex_starts()
+        if not starts:
+            return self._no_start(answer or IKResult(Status.NOT_FOUND, self.solver))
+        foretold = self._graph(self._local().tracker).run(starts)
+        ends = sorted(foretold.dead_ends, key=lambda end: -end.waypoint)
+        motions = [(route.start, route.configurations) for route in foretold.complete]
+        motions += [(end.start, end.motion) for end in ends]
         tried: list[str] = []
         best: FollowResult | None = None
-        for k in range(1 if q_start is not None else VERIFIED):
-            q = q_start
-            if q is None:
-                found = self._solve_start(self.seed + k)
-                if found.q is None:
-                    tried.append(f"start {k}: {found.status.sentence}")
-                    if best is None:
-                        best = self._no_start(found)
-                    if found.status.is_proof:
-                        break
-                    continue
-                q = found.q
-            result = follow(
-                self.template,
-                self.poses,
-                q,
-                tolerance=self.tolerance,
-                limits=self.limits,
-                extent=self.extent,
-                solver=step_solver(self.solver, seed=self.seed + k),
-            )
+        for start, motion in motions[:VERIFIED]:
+            result = self._followed(motion[0], self._convex_solver(motion), self.limits)
             if result.followed:
                 return replace(result, tried=tuple(tried))
-            tried.append(f"start {k}: {result.failure.words if result.failure else result.status.sentence}")
+            tried.append(f"start {start}: {result.failure.words if result.failure else ''}")
             best = result if best is None or _reached(result) > _reached(best) else best
         assert best is not None
         return replace(best, tried=tuple(tried))
 
-    def _solve_start(self, seed: int) -> IKResult:
-        """A configuration of the first pose, or of one that its tolerance allows."""
-        result = IKResult(Status.NOT_FOUND, self.solver)
-        for pose in starting_poses(self.poses[0], self.tolerance):
-            result = solve(replace(self.problem, target=pose), solver=self.solver, seed=seed)
-            if result.solved or (result.status.is_proof and self.tolerance.exact):
-                return result
-        return (
-            result
-            if self.tolerance.exact or not result.status.is_proof
-            else IKResult(Status.NOT_FOUND, self.solver)
-        )
+    def _convex_starts(self) -> tuple[list[Array], IKResult | None]:
+        """Configurations of the first pose by the convex solver, and its last answer."""
+        found: list[Array] = []
+        answer = None
+        for k in range(CONVEX_STARTS):
+            poses = starting_poses(self.poses[0], self.tolerance)
+            asked = replace(self.problem, target=poses[k % len(poses)])
+            answer = solve(asked, solver=self.solver, budget=STEP_BUDGET, seed=self.seed + k)
+            if answer.q is not None and answer.solved:
+                found.append(np.array(answer.q))
+            if answer.status.is_proof and self.tolerance.exact:
+                break
+        return found, answer
+
+    def _convex_solver(self, motion: Array) -> Tolerant:
+        """Steps by the convex solver to the allowed poses that a motion (k, n) has."""
+        robot = self.template.robot
+        wanted = {
+            id(pose): self.tolerance.nearest(pose, robot.fk(q))
+            for pose, q in zip(self.poses, motion, strict=False)
+        }
+        steps = step_solver(self.solver, budget=STEP_BUDGET, seed=self.seed)
+        return Tolerant(steps, self.tolerance, wanted)
 
     def by_graph(self, q_start: Array | None) -> FollowResult:
         """The cheapest routes of the graph, the first that stands every check."""
-        local = local_solver(self.template, tolerance=self.tolerance, limits=self.limits, seed=self.seed)
+        local = self._local()
         starts = [q_start] if q_start is not None else self._sampled(0, STARTS, START_BUDGET)
         if not starts:
-            return self._no_start(self._solve_start(self.seed))
+            first = replace(self.problem, target=self.poses[0])
+            answer = Tolerant(step_solver(self.solver, seed=self.seed), self.tolerance)(first)
+            if answer.q is None or not answer.solved:
+                return self._no_start(answer)
+            starts = [np.array(answer.q)]
         found = self._routes(local, starts, free_start=q_start is None)
         tried = [self._words(end) for end in found.dead_ends]
         best: FollowResult | None = None
@@ -163,11 +172,17 @@ class _Search:
             best = self._rescued(local, found) or self._no_route(found)
         return replace(best, tried=tuple(tried))
 
-    def _routes(self, local: LocalSolver, starts: Sequence[Array], free_start: bool) -> Routes:
-        """Forward from the starts; backward from the end; forward again, drawn to samples along the path."""
+    def _local(self) -> LocalSolver:
+        return local_solver(self.template, tolerance=self.tolerance, limits=self.limits, seed=self.seed)
+
+    def _graph(self, tracker: LocalTracker) -> RouteSearch:
         checker = self.template.checker
         clear = None if checker is None else lambda q: checker(q).distance
-        search = RouteSearch(local.tracker, self.poses, None, clear, self.problem.tolerances.safety_margin)
+        return RouteSearch(tracker, self.poses, None, clear, self.problem.tolerances.safety_margin)
+
+    def _routes(self, local: LocalSolver, starts: Sequence[Array], free_start: bool) -> Routes:
+        """Forward from the starts; backward from the end; forward again, drawn to samples along the path."""
+        search = self._graph(local.tracker)
         forward = search.run(starts)
         if forward.complete:
             return forward
@@ -196,14 +211,17 @@ class _Search:
     def _follow(self, local: LocalSolver, motion: Array, limits: FollowLimits) -> FollowResult:
         """Step by step along a motion (k, n) through the first k poses, and on from there."""
         local.propose(self.poses, motion)
+        return self._followed(motion[0], local, limits)
+
+    def _followed(self, q_start: Array, solver: Solver, limits: FollowLimits) -> FollowResult:
         return follow(
             self.template,
             self.poses,
-            motion[0],
+            q_start,
             tolerance=self.tolerance,
             limits=limits,
             extent=self.extent,
-            solver=local,
+            solver=solver,
         )
 
     def _rescued(self, local: LocalSolver, found: Routes) -> FollowResult | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -93,11 +93,17 @@ def accepted(problem: IKProblem, q: Array, tolerance: PathTolerance) -> IKResult
 class Tolerant:
     """A solver of whole poses, for paths with a tolerance: it is asked for allowed poses, the likeliest first.
 
-    These are the pose as far from the path as the tool was before, the path's own, and some more in the box.
+    These are the wanted one, the pose as far from the path as the tool was before, the path's own, and some more in the
+    box.
+
+    Args:
+        wanted: allowed poses for poses of the path, by their identity.
     """
 
-    def __init__(self, solver: Solver, tolerance: PathTolerance) -> None:
-        self._solver, self._tolerance = solver, tolerance
+    def __init__(
+        self, solver: Solver, tolerance: PathTolerance, wanted: Mapping[int, Pose] | None = None
+    ) -> None:
+        self._solver, self._tolerance, self._wanted = solver, tolerance, dict(wanted or {})
 
     def __call__(self, problem: IKProblem) -> IKResult:
         """The first answer with a configuration; NOT_FOUND where none of the poses asked for has one."""
@@ -106,6 +112,8 @@ class Tolerant:
         poses = [problem.target]
         if problem.q_reference is not None:
             poses.insert(0, self._tolerance.nearest(problem.target, problem.robot.fk(problem.q_reference)))
+        if id(problem.target) in self._wanted:
+            poses.insert(0, self._wanted[id(problem.target)])
         poses += nearby_poses(poses[0], self._tolerance, angle=0.6, distance=0.05)
         result = None
         for pose in poses:

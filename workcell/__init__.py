@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from workcell.errors import WorkcellError
+    from workcell.geometry.engine import ClearanceEngine
+    from workcell.geometry.self_collision import self_collision_pairs
     from workcell.geometry.types import FreeSpace, Piece, SphereCover
     from workcell.ik.problem import Budget, IKProblem, Tolerances
     from workcell.ik.result import IKResult, Status
@@ -32,6 +34,8 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "WorkcellError": "errors",
+    "ClearanceEngine": "geometry.engine",
+    "self_collision_pairs": "geometry.self_collision",
     "FreeSpace": "geometry.types",
     "Piece": "geometry.types",
     "SphereCover": "geometry.types",

@@ -130,8 +130,11 @@ def test_a_solver_that_does_not_apply_is_passed_over_by_auto_alone(monkeypatch):
     target = robot.fk(robot.random_configuration(np.random.default_rng(1)))
     with pytest.raises(InputError):
         solve(IKProblem(robot, target), "ikspark")
-    stages = (("ikspark", module._SOLVERS["ikspark"], 0.5), ("multistart", solve_multistart, 1.0))
-    monkeypatch.setattr(module, "_PORTFOLIO", stages)
+    stages = (
+        module.Stage("ikspark", module._SOLVERS["ikspark"], share=0.5),
+        module.Stage("multistart", solve_multistart),
+    )
+    monkeypatch.setattr(module, "_portfolio", lambda: stages)
     result = solve(IKProblem(robot, target))
     assert result.solved and "ikspark does not apply" in result.rejected[0]
 

@@ -15,7 +15,8 @@ from workcell.ik.branch_proof.closure import Box, stand_at_centre
 from workcell.ik.branch_proof.closure import Robot as Proof
 from workcell.ik.branch_proof.linear import follow_closure
 from workcell.ik.branch_proof.lines import contract as prove
-from workcell.ik.branch_proof.lines import contract_lines
+from workcell.ik.branch_proof.lines import contract_near
+from workcell.ik.branch_proof.lines import contract_through as prove_through
 from workcell.ik.branch_proof.obstacles import Scene, collides, touch
 from workcell.pose import Array
 
@@ -23,7 +24,7 @@ EDGE = 1e-9
 """Radians by which a planted angle may stick out of its box: the target of the test is itself rounded."""
 SEARCH = ("C1", "C2", "C3", "linear", "all")
 """What of the search is tried, by its number."""
-CHECKER = ("lines", "linear", "all")
+CHECKER = ("near", "through", "linear", "all")
 """What of the checker is tried, by its number."""
 FINEST = 1e-7
 """Width of all joints at which a descent ends."""
@@ -113,10 +114,11 @@ def descend_checker(
         box.lower[:] = lower
         box.upper[:] = upper
         stand_at_centre(robot, box)
-        box.follow[0, 0] = 0.0
         if which == 0:
-            kept = contract_lines(robot, box)
+            kept = contract_near(robot, box)
         elif which == 1:
+            kept = prove_through(robot, box)
+        elif which == 2:
             kept = follow_closure(robot, box)
         else:
             kept = prove(robot, box)

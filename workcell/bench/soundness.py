@@ -28,7 +28,8 @@ PARTS = (
     "search/C3",
     "search/linear",
     "search/all",
-    "checker/lines",
+    "checker/near",
+    "checker/through",
     "checker/linear",
     "checker/all",
 )

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import time
-from typing import Any
 
 import numpy as np
 
@@ -17,15 +16,12 @@ from workcell.errors import InputError
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.branch_check import seal, statement
 from workcell.ik.branch_problem import KINDS, inflation, problem_arrays
+from workcell.ik.branch_search import Crew
 from workcell.ik.certificate import Certificate, Scope, problem_hash
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import Candidate
 from workcell.ik.verify import Verifier
 from workcell.pose import Array, Pose
-
-MOST_NODES = 2_000_000
-"""Size of the tree at which the search gives up: its memory."""
-_CHUNK = 500
 
 
 @functools.cache
@@ -48,91 +44,70 @@ def prepare() -> None:
 def solve_branch(problem: IKProblem, budget: Budget, seed: int = 0) -> Candidate:
     """Decide `problem`: a configuration, or a certificate of kind `branch` that none exists, or neither in the budget.
 
-    The search is deterministic; `seed` is taken for the signature all solvers share.
+    "None" means none with a clearance of c + `OVERLAP`, c the wanted one, where a configuration need only keep c.
+    The search is deterministic on one thread; on several, the boxes it decides are the same but their order is not. `seed`
+    is taken for the signature all solvers share.
 
     Raises:
-        InputError: a joint is prismatic, a piece is of a kind that has no exclusion test, or a bound on the rotation of
-            links is asked for.
+        InputError: a piece is of a kind that has no exclusion test, a bound on the rotation of links is asked for, or the
+            limits leave nothing.
     """
     del seed
-    return _Search(problem).run(time.process_time() + budget.cpu_s)
+    return BranchSearch(problem).run(time.process_time() + budget.cpu_s, budget.threads)
 
 
-class _Search:
-    """One query."""
+class BranchSearch:
+    """One query; `run` can be called again to go on where it stopped."""
 
     def __init__(self, problem: IKProblem) -> None:
         _refuse(problem)
         self.problem = problem
         self.arrays = problem_arrays(problem)
-        self.verifier: Verifier | None = None
-        self.rejected: list[str] = []
-
-    def run(self, deadline: float) -> Candidate:
-        from workcell.ik.branch_kernels import search
-        from workcell.ik.branch_kernels.obstacles import new_sweep
-        from workcell.ik.branch_kernels.state import new_state
-
-        chain, world, root = self.arrays.chain, self.arrays.world, self.arrays.root
-        joints = root.shape[1]
-        state, sweep = new_state(chain), new_sweep(joints)
-        tree = search.Tree(
-            np.zeros((1024, 2, joints)), np.zeros((4096, 4)), np.zeros(8, dtype=np.int64), np.zeros(joints)
-        )
+        root = self.arrays.root
         if np.any(root[0] > root[1]):
             raise InputError("the limits and max_step leave no configuration", where="max_step")
-        tree.stack[0] = root
-        tree.counts[0], tree.counts[6] = 1, -1
-        tolerances = self.problem.tolerances
-        reached = np.array([0.9999 * tolerances.position, 0.9999 * tolerances.rotation])
-        while True:
-            outcome = search.run(chain, world, root, state, sweep, tree, reached, _CHUNK)
-            if outcome == search.FOUND:
-                q = self._accept(tree.found[1 : 1 + self.problem.robot.dof])
-                if q is not None:
-                    return Candidate(q=q, stats=self._stats(tree), rejected=tuple(self.rejected))
-            elif outcome == search.DONE:
-                break
-            elif outcome == search.FULL:
-                if tree.counts[0] + 2 > len(tree.stack) or len(tree.nodes) >= MOST_NODES:
-                    break
-                tree = tree._replace(nodes=np.concatenate([tree.nodes, np.zeros_like(tree.nodes)]))
-            if time.process_time() > deadline:
-                break
-        certificate = self._certificate(tree) if tree.counts[0] == 0 and tree.counts[4] == 0 else None
-        return Candidate(certificate=certificate, stats=self._stats(tree), rejected=tuple(self.rejected))
+        tolerances = problem.tolerances
+        reached = 0.9999 * np.array([tolerances.position, tolerances.rotation])
+        self._crew = Crew(self.arrays, reached, self._accept)
+        self._verifier: Verifier | None = None
+        self._q: Array | None = None
+        self._rejected: list[str] = []
 
-    def _accept(self, q: Array) -> Array | None:
+    def run(self, deadline: float, threads: int = 1) -> Candidate:
+        """Search until `deadline` (CPU time of the process) at most."""
+        self._crew.run(deadline, threads)
+        certificate = self._certificate() if self._q is None and self._crew.finished else None
+        return Candidate(
+            q=self._q, certificate=certificate, stats=self._crew.stats(), rejected=tuple(self._rejected)
+        )
+
+    def _accept(self, q: Array) -> bool:
         robot, problem = self.problem.robot, self.problem
         lower, upper = robot.lower, robot.upper
         if problem.q_reference is not None and problem.max_step is not None:
             lower = np.maximum(lower, problem.q_reference - problem.max_step)
             upper = np.minimum(upper, problem.q_reference + problem.max_step)
         # The boxes have the slack of the limits; the answer needs none.
-        q = np.clip(q, lower, upper)
-        self.verifier = self.verifier or Verifier(self.problem)
-        verdict = self.verifier(q)
+        q = np.clip(q[1 : 1 + robot.dof], lower, upper)
+        self._verifier = self._verifier or Verifier(self.problem)
+        verdict = self._verifier(q)
         if verdict.accepted:
-            return q
-        if len(self.rejected) < 5:
-            self.rejected.append("; ".join(verdict.reasons))
-        return None
+            self._q = q
+        elif len(self._rejected) < 5:
+            self._rejected.append("; ".join(verdict.reasons))
+        return verdict.accepted
 
-    def _stats(self, tree: Any) -> dict[str, float]:
-        names = ("boxes_left", "nodes", "kinematic_leaves", "collision_leaves", "given_up", "local_searches")
-        return {name: float(tree.counts[k]) for k, name in enumerate(names)}
-
-    def _certificate(self, tree: Any) -> Certificate:
-        nodes = tree.nodes[: tree.counts[1]]
-        blocked = (nodes[:, 0] == -2) | (nodes[:, 0] == -3)
+    def _certificate(self) -> Certificate:
+        nodes = self._crew.written()
+        blocked = nodes[nodes[:, 0] <= -2]
         problem = self.problem
         clearance = problem.tolerances.safety_margin
-        if np.any(blocked):
-            clearance = max(clearance, float(nodes[blocked, 3].max()))
+        if len(blocked):
+            clearance = max(clearance, float(blocked[:, 3].max()))
         data = {
             "tree": nodes[:, 0],
             "splits": nodes[nodes[:, 0] >= 0, 1],
-            "blocked": self._pairs(nodes[blocked]),
+            "blocked": self._pairs(blocked),
             "root": self.arrays.root[:, 1:-1],
             "inflation": np.array(inflation(problem)),
             "clearance": np.array([clearance]),
@@ -140,7 +115,7 @@ class _Search:
         data["seal"] = seal(data)
         return Certificate(
             kind="branch",
-            scope=certificate_scope(problem, bool(np.any(blocked))),
+            scope=certificate_scope(problem, len(blocked) > 0),
             statement=statement(data),
             margin=float(data["inflation"][0]),
             problem_hash=problem_hash(problem),
@@ -161,8 +136,8 @@ def certificate_scope(problem: IKProblem, obstacles_used: bool) -> Scope:
     """What a proof is about: see `workcell.ik.certificate.Scope`."""
     if not obstacles_used:
         return "kinematics"
-    given = problem.cover is not None and problem.cover.kind == "given" and problem.checker is None
-    return "geometry" if given else "model"
+    kind = None if problem.cover is None else problem.cover.kind
+    return "geometry" if kind == "inner" or (kind == "given" and problem.checker is None) else "model"
 
 
 def _refuse(problem: IKProblem) -> None:

@@ -43,6 +43,7 @@ class Kinematics:
         base: (4, 4) frame of the line that is fixed to the base.
         fixed, feet, slides, around, weights, middle: as in `Chain`.
         T_tool_end: (4, 4) frame of the line that is fixed to the target, in the tool's frame.
+        T_base_world: (4, 4).
     """
 
     turned: Array
@@ -54,6 +55,7 @@ class Kinematics:
     weights: Array
     middle: int
     T_tool_end: Array
+    T_base_world: Array
 
 
 _remembered = ByIdentity()
@@ -112,7 +114,8 @@ def _kinematics(robot: Robot, goal: Goal) -> Kinematics:
         middle = n + 1
     rows = np.concatenate([frames[:, :3, :3].reshape(-1, 9), frames[:, :3, 3]], axis=1)
     around = _around(frames, feet)
-    return Kinematics(turned, base, rows, feet, slides, around, weights, middle, np.linalg.inv(before) @ end)
+    T_tool_end, T_base_world = np.linalg.inv(before) @ end, robot.T_world_base.inverse().matrix
+    return Kinematics(turned, base, rows, feet, slides, around, weights, middle, T_tool_end, T_base_world)
 
 
 def _transform(R: Array, p: Array) -> Array:

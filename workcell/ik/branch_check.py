@@ -86,7 +86,12 @@ def statement(data: Mapping[str, Any]) -> str:
     leaves = int(np.count_nonzero(np.asarray(data["tree"]) < 0))
     position, rotation = (float(value) for value in data["inflation"])
     blocked = np.asarray(data["blocked"]).shape[-1] > 0
-    keeping = f" with a clearance of {float(data['clearance'][0]) * 1e3:.4g} mm or more" if blocked else ""
+    clearance = f"{float(data['clearance'][0]) * 1e3:.4g} mm or more"
+    keeping = (
+        f" with a clearance of {clearance} (up to {MOST_OVERLAP * 1e3:g} mm beyond the wanted one)"
+        if blocked
+        else ""
+    )
     return (
         f"No configuration{keeping} brings the tool within {position * 1e3:g} mm and {rotation:g} rad of its target: "
         f"each of the {leaves} boxes that cover all joint angles is excluded."
@@ -137,8 +142,8 @@ def _check_claim(problem: IKProblem, certificate: Certificate) -> str | None:
 def _scope(problem: IKProblem, obstacles_used: bool) -> str:
     if not obstacles_used:
         return "kinematics"
-    truth = problem.cover is not None and problem.cover.kind == "given" and problem.checker is None
-    return "geometry" if truth else "model"
+    kind = None if problem.cover is None else problem.cover.kind
+    return "geometry" if kind == "inner" or (kind == "given" and problem.checker is None) else "model"
 
 
 def _check_root(problem: IKProblem, root: Array) -> str | None:

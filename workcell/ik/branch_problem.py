@@ -45,7 +45,7 @@ def problem_arrays(problem: IKProblem) -> Arrays:
     from workcell.ik.branch_kernels.world import World
 
     robot = kinematics(problem.robot, problem.goal)
-    target = problem.T_base_tool.matrix
+    target = robot.T_base_world @ problem.target.matrix
     goal = target @ robot.T_tool_end
     chain = Chain(
         fixed=robot.fixed,
@@ -62,7 +62,7 @@ def problem_arrays(problem: IKProblem) -> Arrays:
     lower, upper = joint_box(problem)
     root = np.zeros((2, len(lower) + 2))
     root[0, 1:-1], root[1, 1:-1] = lower, upper
-    obstacles, vertices, planes = _obstacles(problem)
+    obstacles, vertices, planes = _obstacles(problem, robot.T_base_world)
     margin = np.array([problem.tolerances.safety_margin, OVERLAP])
     pairs = _pairs(problem, order, spheres)
     return Arrays(chain, World(spheres, obstacles, vertices, planes, pairs, margin), root, order)
@@ -95,46 +95,42 @@ def _place(robot: Kinematics, cover: SphereCover) -> tuple[NDArray[np.int64], Ar
     return order.astype(np.int64), rows
 
 
-def _obstacles(problem: IKProblem) -> tuple[Array, Array, Array]:
+def _obstacles(problem: IKProblem, T_base_world: Array) -> tuple[Array, Array, Array]:
     """Obstacle rows in the base's frame with vertices and planes of the hulls."""
     pieces = problem.obstacles if problem.cover is not None else ()
     vertices, planes = [np.zeros((0, 3))], [np.zeros((0, 4))]
     rows = np.zeros((len(pieces), 24))
     if not pieces:
         return rows, vertices[0], planes[0]
-    from_world = problem.robot.T_world_base.inverse()
-    rotations = from_world.rotation @ quat_to_matrix(np.array([piece.pose.quat_wxyz for piece in pieces]))
-    origins = from_world.apply(np.array([piece.pose.position for piece in pieces]))
-    rows[:, 1:10], rows[:, 10:13] = rotations.reshape(-1, 9), origins
-    counts = [0, 0]
-    for row, piece, R, origin in zip(rows, pieces, rotations, origins, strict=True):
-        row[0] = KINDS[piece.kind]
-        row[13 : 13 + len(piece.size)] = piece.size
-        half = _half_extent(piece, R)
-        row[16:19], row[19:22] = origin - half, origin + half
-        if piece.kind == "hull":
-            corners, facets = _hull(piece)
-            world = corners @ R.T + origin
-            row[16:19], row[19:22] = world.min(axis=0), world.max(axis=0)
-            row[13:15] = counts[0], counts[0] + len(corners)
-            row[22:24] = counts[1], counts[1] + len(facets)
-            counts = [counts[0] + len(corners), counts[1] + len(facets)]
-            vertices.append(corners)
-            planes.append(facets)
+    into = T_base_world[:3, :3]
+    R = into @ quat_to_matrix(np.array([piece.pose.quat_wxyz for piece in pieces]))
+    origin = np.array([piece.pose.position for piece in pieces]) @ into.T + T_base_world[:3, 3]
+    sizes = np.array([(piece.size.tolist() + [0.0] * 3)[:3] for piece in pieces])
+    rows[:, 0] = [KINDS[piece.kind] for piece in pieces]
+    rows[:, 1:10], rows[:, 10:13], rows[:, 13:16] = R.reshape(-1, 9), origin, sizes
+    half = _half_extents(rows[:, 0], R, sizes)
+    rows[:, 16:19], rows[:, 19:22] = origin - half, origin + half
+    corner, facet = 0, 0
+    for k in np.flatnonzero(rows[:, 0] == KINDS["hull"]):
+        corners, facets = _hull(pieces[k])
+        world = corners @ R[k].T + origin[k]
+        rows[k, 16:19], rows[k, 19:22] = world.min(axis=0), world.max(axis=0)
+        rows[k, 13:15], rows[k, 22:24] = (corner, corner + len(corners)), (facet, facet + len(facets))
+        corner, facet = corner + len(corners), facet + len(facets)
+        vertices.append(corners)
+        planes.append(facets)
     return rows, np.concatenate(vertices), np.concatenate(planes)
 
 
-def _half_extent(piece: Piece, R: Array) -> Array:
-    """Half the size of an axis-aligned box around the piece's origin that holds it; inf for a half-space."""
-    size = piece.size
-    if piece.kind == "box":
-        extent: Array = np.abs(R) @ size
-        return extent
-    if piece.kind == "sphere":
-        return np.full(3, size[0])
-    if piece.kind in ("capsule", "cylinder"):
-        return np.asarray(np.abs(R[:, 2]) * size[1] + size[0])
-    return np.full(3, 1e9)
+def _half_extents(kinds: Array, R: Array, sizes: Array) -> Array:
+    """(k, 3) half the sizes of axis-aligned boxes around the pieces' origins that hold them; huge for half-spaces."""
+    core, radius = np.zeros_like(sizes), np.where(kinds == KINDS["box"], 0.0, sizes[:, 0])
+    long = (kinds == KINDS["capsule"]) | (kinds == KINDS["cylinder"])
+    core[long, 2] = sizes[long, 1]
+    core[kinds == KINDS["box"]] = sizes[kinds == KINDS["box"]]
+    radius[kinds == KINDS["halfspace"]] = 1e9
+    half: Array = np.einsum("kij,kj->ki", np.abs(R), core) + radius[:, None]
+    return half
 
 
 def _hull(piece: Piece) -> tuple[Array, Array]:

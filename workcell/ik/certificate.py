@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Literal, cast, get_args
@@ -13,7 +13,9 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 
 from workcell.errors import InputError
+from workcell.geometry.types import Piece
 from workcell.ik.problem import IKProblem
+from workcell.model.robot import Robot
 from workcell.pose import Array, Pose, read_only
 from workcell.remember import ByIdentity
 
@@ -112,7 +114,7 @@ def _array(entry: Any, where: str) -> Array:
     return array
 
 
-_HASHES = ByIdentity()
+_HASHES, _ROBOTS, _COVERS = ByIdentity(), ByIdentity(), ByIdentity()
 
 
 def problem_hash(problem: IKProblem) -> str:
@@ -126,34 +128,51 @@ def problem_hash(problem: IKProblem) -> str:
 
 
 def _digest(problem: IKProblem) -> str:
-    digest = hashlib.sha256()
-    for item in _content(problem):
-        if isinstance(item, str):
-            data, kind = item.encode(), "text"
-        else:
-            values = np.asarray(item, dtype=float) + 0.0  # -0.0 and 0.0 are the same number
-            data, kind = values.tobytes(), str(values.shape)
-        digest.update(f"{kind}:{len(data)}:".encode() + data)
+    robot, cover = problem.robot, problem.cover
+    digest = hashlib.sha256(_ROBOTS.get((robot,), lambda: _bytes(_of_robot(robot))))
+    digest.update(_bytes([*_pose(problem.target), "obstacles"]))
+    digest.update(_bytes(item for piece in problem.obstacles for item in _of_piece(piece)))
+    if cover is not None:
+        parts = ("cover", cover.link, cover.centre, cover.radius)
+        digest.update(_COVERS.get((cover,), lambda: _bytes(parts)))
+    digest.update(_bytes(_of_bounds(problem)))
     return digest.hexdigest()
 
 
-def _content(problem: IKProblem) -> Iterator[Any]:
-    robot, tolerances = problem.robot, problem.tolerances
+def _bytes(items: Iterable[Any]) -> bytes:
+    """Texts and arrays, each with its kind and length, so that no two contents look the same."""
+    parts = []
+    for item in items:
+        if isinstance(item, str):
+            data = item.encode()
+            parts.append(b"text:%d:" % len(data))
+        else:
+            values = np.asarray(item, dtype=float) + 0.0  # -0.0 and 0.0 are the same number
+            data = values.tobytes()
+            parts.append(_SHAPES.get(values.shape) or f"{values.shape}:{len(data)}:".encode())
+        parts.append(data)
+    return b"".join(parts)
+
+
+_SHAPES = {(n,): f"({n},):{8 * n}:".encode() for n in range(10)}
+
+
+def _of_robot(robot: Robot) -> Iterator[Any]:
     yield from (robot.parents, robot.joint_xyz, robot.joint_rotation, robot.axis, robot.prismatic)
-    yield from (
-        robot.lower,
-        robot.upper,
-        *_pose(robot.T_world_base),
-        robot.tool().link,
-        *_pose(robot.tool().T_link_tool),
-    )
-    yield from _pose(problem.target)
-    yield "obstacles"
-    for piece in problem.obstacles:
-        yield piece.kind
-        yield from (*_pose(piece.pose), piece.size, np.zeros(0) if piece.vertices is None else piece.vertices)
-    if problem.cover is not None:
-        yield from ("cover", problem.cover.link, problem.cover.centre, problem.cover.radius)
+    yield from (robot.lower, robot.upper, *_pose(robot.T_world_base), robot.tool().link)
+    yield from _pose(robot.tool().T_link_tool)
+
+
+def _of_piece(piece: Piece) -> tuple[Any, ...]:
+    vertices = _NONE if piece.vertices is None else piece.vertices
+    return piece.kind, piece.pose.position, piece.pose.quat_wxyz, piece.size, vertices
+
+
+_NONE = np.zeros(0)
+
+
+def _of_bounds(problem: IKProblem) -> Iterator[Any]:
+    tolerances = problem.tolerances
     if problem.free_space is not None:
         yield from ("free space", problem.free_space.lower, problem.free_space.upper)
         if problem.free_space.admissible is not None:

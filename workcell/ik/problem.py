@@ -14,7 +14,6 @@ from workcell.geometry.types import FreeSpace, Piece, SphereCover
 from workcell.model.robot import Robot
 from workcell.pose import Array, Pose, read_only
 
-
 Goal = Literal["pose", "position", "axis"]
 """What of the target counts: the whole pose; the tool's position alone; its position and the direction of its z axis."""
 
@@ -36,14 +35,22 @@ class Tolerances:
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """How much a solver may spend on one problem: CPU seconds (of the process), or fewer."""
+    """How much a solver may spend on one problem: CPU seconds (of the process), or fewer; and on how many threads.
+
+    Branch and bound makes use of several threads; the other solvers work on one.
+    """
 
     cpu_s: float = 5.0
+    threads: int = 1
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.cpu_s) and self.cpu_s >= 0):
             raise InputError(
                 f"a budget of {self.cpu_s} s makes no sense", where="budget", remedy="a finite number >= 0"
+            )
+        if isinstance(self.threads, bool) or not isinstance(self.threads, int) or self.threads < 1:
+            raise InputError(
+                f"{self.threads!r} threads make no sense", where="budget", remedy="a whole number >= 1"
             )
 
 
@@ -82,6 +89,8 @@ class IKProblem:
         tolerances: what counts as reached.
         goal: what of the target counts, see `Goal`; the rotation's tolerance bounds the tilt of the z axis for `axis`.
         self_collision: (p, 2) pairs of the cover's spheres that must keep clear of each other; None: none.
+        inner: turns this question into one about a model inside the geometry that `checker` knows (a cover of kind `inner`
+            among obstacles that collide with all of it), for proofs that hold of that geometry; None: there is none.
     """
 
     robot: Robot
@@ -97,6 +106,7 @@ class IKProblem:
     tolerances: Tolerances = field(default_factory=Tolerances)
     goal: Goal = "pose"
     self_collision: NDArray[np.int64] | None = None
+    inner: Callable[[IKProblem], IKProblem] | None = None
 
     def __post_init__(self) -> None:
         if self.goal not in get_args(Goal):
@@ -148,6 +158,12 @@ class IKProblem:
                 remedy=f"two different indices from 0 to {spheres - 1}" if spheres else "a cover",
             )
         object.__setattr__(self, "self_collision", read_only(pairs, np.int64))
+
+    def inside(self) -> IKProblem | None:
+        """The same question of the model inside the real geometry, where there is one."""
+        if self.inner is None or self.cover is None or self.checker is None:
+            return None
+        return self.inner(self)
 
     @property
     def T_base_tool(self) -> Pose:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,9 @@ Solver = Callable[[IKProblem, Budget, int], Candidate]
 
 
 def _elementary(problem: IKProblem, budget: Budget, seed: int) -> Candidate:
-    return Candidate(certificate=prove_impossible(problem))
+    from workcell.ik.screen import may_be_impossible
+
+    return Candidate(certificate=prove_impossible(problem) if may_be_impossible(problem) else None)
 
 
 def _hjcd(problem: IKProblem, budget: Budget, seed: int) -> Candidate:
@@ -43,6 +45,12 @@ def _prepare_hjcd() -> None:
     from workcell.ik import hjcdik
 
     hjcdik.prepare()
+
+
+def _prepare_elementary() -> None:
+    from workcell.ik import screen
+
+    screen.prepare()
 
 
 def _prepare_branch() -> None:
@@ -87,20 +95,54 @@ _SOLVERS: dict[str, Solver] = {
 
 AUTO = "auto"
 
-FIRST_SAMPLES = 0.004
-"""Share of the budget for the first samples: 20 ms of the default 5 s, several times what a solvable query takes."""
 
-_PORTFOLIO: tuple[tuple[str, Solver, float], ...] = (
-    ("elementary", _elementary, 0.0),
-    ("hjcd", _hjcd, FIRST_SAMPLES),
-    ("branch", _branch, 0.7),
-    ("ikspark", _ikspark, 0.85),
-    ("hjcd", _hjcd, 1.0),
-)
-"""Stages of `auto`: name, solver, and the share of the CPU budget at whose end the stage must stop. Most problems that
-have a solution fall to the first samples, and nearly all others to branch and bound, which ends in a proof."""
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """A turn of a solver in the portfolio: it ends `seconds` (CPU) after it began, and when `share` of the budget is spent."""
 
-_PREPARE: dict[str, Callable[[], None]] = {"hjcd": _prepare_hjcd, "branch": _prepare_branch}
+    name: str
+    solver: Solver
+    share: float = 1.0
+    seconds: float = np.inf
+
+
+class _Resumed:
+    """Branch and bound that goes on where its last turn ended."""
+
+    def __init__(self) -> None:
+        self._search: Any = None
+
+    def __call__(self, problem: IKProblem, budget: Budget, seed: int) -> Candidate:
+        from workcell.ik.branch import BranchSearch
+
+        deadline = time.process_time() + budget.cpu_s
+        self._search = self._search or BranchSearch(problem)
+        candidate: Candidate = self._search.run(deadline, budget.threads)
+        return candidate
+
+
+def _portfolio() -> tuple[Stage, ...]:
+    """Stages of `auto`. Nearly all problems that have a solution fall to the first samples, nearly all others to branch and
+    bound, which ends in a proof; what resists both gets longer turns of either, so that neither waits for the other."""
+    branch = _Resumed()
+    return (
+        Stage("elementary", _elementary, seconds=0.0),
+        Stage("hjcd", _hjcd, seconds=0.001),
+        Stage("branch", branch, seconds=0.006),
+        Stage("hjcd", _hjcd, seconds=0.005),
+        Stage("branch", branch, seconds=0.03),
+        Stage("hjcd", _hjcd, seconds=0.02),
+        Stage("branch", branch, share=0.7),
+        Stage("ikspark", _ikspark, share=0.85),
+        Stage("hjcd", _hjcd),
+    )
+
+
+_PREPARE: dict[str, Callable[[], None]] = {
+    "elementary": _prepare_elementary,
+    "hjcd": _prepare_hjcd,
+    "branch": _prepare_branch,
+}
 """What compiles a solver on first use, or loads it from the cache: no query's budget pays for that."""
 
 
@@ -137,11 +179,13 @@ def solve(problem: IKProblem, solver: str = AUTO, budget: Budget | None = None, 
         raise InputError(f"the seed is {seed!r}", where="seed", remedy="a whole number >= 0")
     if problem.goal != "pose" and solver not in (AUTO, "branch"):
         raise InputError(
-            f"{solver} takes whole poses, not goals of kind {problem.goal!r}", where="solver", remedy="auto or branch"
+            f"{solver} takes whole poses, not goals of kind {problem.goal!r}",
+            where="solver",
+            remedy="auto or branch",
         )
-    stages = _PORTFOLIO if solver == AUTO else ((solver, _SOLVERS[solver], 1.0),)
+    stages = _portfolio() if solver == AUTO else (Stage(solver, _SOLVERS[solver]),)
     if problem.goal != "pose":
-        stages = (("branch", _branch, 1.0),)
+        stages = (Stage("branch", _branch),)
     return _Portfolio(problem, solver, budget or Budget(), int(seed)).run(stages)
 
 
@@ -160,18 +204,19 @@ class _Portfolio:
     errors: list[str] = field(default_factory=list)
     in_model: tuple[str, Certificate] | None = None
 
-    def run(self, stages: tuple[tuple[str, Solver, float], ...]) -> IKResult:
+    def run(self, stages: tuple[Stage, ...]) -> IKResult:
         """The first answer that holds."""
         if self.budget.cpu_s == 0:
             return self._result(Status.NOT_FOUND, self.name)
         completed = 0
-        for order, (name, solver, share) in enumerate(stages):
-            left = share * self.budget.cpu_s - self._spent()
-            if share > 0 and left <= 0:
+        for order, stage in enumerate(stages):
+            left = min(stage.share * self.budget.cpu_s - self._spent(), stage.seconds)
+            if (stage.seconds > 0 and left <= 0) or self._is_futile(stage):
                 continue
-            candidate = self._call(name, solver, Budget(max(left, 0.0)), self.seed + 7919 * order)
+            budget = replace(self.budget, cpu_s=max(left, 0.0))
+            candidate = self._call(stage.name, stage.solver, budget, self.seed + 7919 * order)
             completed += candidate.error is None
-            result = self._answer(name, candidate)
+            result = self._answer(stage.name, candidate)
             if result is not None:
                 return result
         if self.in_model is not None:
@@ -180,6 +225,12 @@ class _Portfolio:
         # the elementary stage alone finds nothing out about solutions
         failed = self.errors and completed <= (1 if self.name == AUTO else 0)
         return self._result(Status.SOLVER_ERROR if failed else Status.NOT_FOUND, self.name)
+
+    def _is_futile(self, stage: Stage) -> bool:
+        """Whether a stage can't find out more: branch and bound is through, or a short search has seen all it can."""
+        if stage.name == "branch":
+            return self.in_model is not None and self.in_model[0] == "branch"
+        return stage.name == "hjcd" and stage.seconds < np.inf and self.stats.get("hjcd.exhausted", 0.0) > 0.0
 
     def _spent(self) -> float:
         return time.process_time() - self.started_cpu
@@ -213,7 +264,9 @@ class _Portfolio:
             candidate = Candidate(error=f"the conic solver panicked: {error}")
         for key, value in {**candidate.stats, "cpu_s": self._spent() - before}.items():
             label = f"{name}.{key}"
-            self.stats[label] = self.stats.get(label, 0.0) + float(value)
+            # what goes on where it stopped counts from its beginning
+            known = 0.0 if isinstance(solver, _Resumed) and key != "cpu_s" else self.stats.get(label, 0.0)
+            self.stats[label] = known + float(value)
         return candidate
 
     def _answer(self, name: str, candidate: Candidate) -> IKResult | None:

@@ -23,11 +23,12 @@ _NEAR = 0.05
 
 @inner
 def search_from(
-    chain: Chain, world: World, lower: Array, upper: Array, q: Array, tolerance: Array, iterations: int
-) -> bool:
+    chain: Chain, world: World, lower: Array, upper: Array, q: Array, tolerance: Array, iterations: int, best_gap: Array
+) -> bool:  # fmt: skip
     """Improve `q` (N,) within [lower, upper] in place; True once it solves the problem.
 
-    `tolerance` (2,) is what counts as reached (m, rad); the clearance must be at least `world.clearance[0]`.
+    `tolerance` (2,) is what counts as reached (m, rad); the clearance must be at least `world.clearance[0]`; by how
+    much the best configuration in reach of the target missed that is kept in `best_gap` (1,).
     """
     joints = q.shape[0]
     n = joints - 2
@@ -49,8 +50,10 @@ def search_from(
         if cost < _NEAR * _NEAR:
             penalty, gap = _hinge(chain, world, frames, _STIFF_WEIGHT if stiff else _HINGE_WEIGHT, H, g)
             cost += penalty
-            if away < tolerance[0] and turned < tolerance[1] and gap >= 0.0:
-                return True
+            if away < tolerance[0] and turned < tolerance[1]:
+                best_gap[0] = max(best_gap[0], gap)
+                if gap >= 0.0:
+                    return True
         elif iteration >= 5 and cost > 0.25:
             return False
         if iteration >= iterations and not stiff:

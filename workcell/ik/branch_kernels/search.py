@@ -18,10 +18,14 @@ from workcell.pose import Array
 
 DONE, FOUND, PAUSED, FULL = 0, 1, 2, 3
 """How a run of the search ended: every box excluded (or left), a configuration in `found`, node count reached, no room."""
+EMPTY, AGAIN, STALLED = 0, 1, 2
+"""How a contraction ended."""
 ROUNDS = 8
 """Times the contractors are repeated on a box."""
 SHRINK = 0.85
 """Share of its width below which some joint must come for another round."""
+SMALL = 0.1
+"""Width of all joints below which obstacles are looked at between two contractions."""
 SMALLEST = 1e-7
 """Width in radians of all joints at which a box is given up."""
 
@@ -40,32 +44,52 @@ class Tree(NamedTuple):
         counts: (8,) boxes on the stack; nodes; leaves: kinematic, colliding, given up; local searches; hint;
             boxes since the last local search.
         found: (N,) a configuration that the local search reached.
+        best_gap: (1,) by how much the best configuration in reach of the target kept (missed, if negative) the clearance.
     """
 
     stack: Array
     nodes: Array
     counts: NDArray[np.int64]
     found: Array
+    best_gap: Array
 
 
 @kernel
 def contract(chain: Chain, state: State) -> bool:
     """Shrink the box by all contractors until little changes; False if it holds no solution."""
+    for _ in range(ROUNDS):
+        outcome = contract_once(chain, state)
+        if outcome != AGAIN:
+            return outcome != EMPTY
+    return True
+
+
+@inner
+def contract_once(chain: Chain, state: State) -> int:
+    """Shrink the box once: EMPTY if it holds no solution, AGAIN if that paid, else STALLED.
+
+    The cheap contractors go on alone as long as they pay.
+    """
     joints = state.lower.shape[0]
     width = np.empty(joints)
-    for _ in range(ROUNDS):
-        for k in range(joints):
-            width[k] = state.upper[k] - state.lower[k]
-        recentre(chain, state)
-        if not contract_neighbours(chain, state) or not contract_invariants(chain, state):
+    for k in range(joints):
+        width[k] = state.upper[k] - state.lower[k]
+    recentre(chain, state)
+    if not contract_neighbours(chain, state) or not contract_invariants(chain, state):
+        return EMPTY
+    if _shrunk(state, width):
+        return AGAIN
+    if not contract_through(chain, state) or not contract_linear(chain, state):
+        return EMPTY
+    return AGAIN if _shrunk(state, width) else STALLED
+
+
+@inner
+def _is_small(state: State) -> bool:
+    """Whether the box is small enough that one more look at the obstacles costs less than contracting it further."""
+    for k in range(state.lower.shape[0]):
+        if state.upper[k] - state.lower[k] > SMALL:
             return False
-        # The cheap contractors go on alone as long as they pay.
-        if _shrunk(state, width):
-            continue
-        if not contract_through(chain, state) or not contract_linear(chain, state):
-            return False
-        if not _shrunk(state, width):
-            return True
     return True
 
 
@@ -115,20 +139,7 @@ def run(
         node = nodes[counts[1]]
         node[:] = 0.0
         counts[1] += 1
-        if not contract(chain, state):
-            node[0] = -1.0
-            counts[2] += 1
-            continue
-        sphere, obstacle, bound = find_blocked(chain, state, world, sweep, counts[6])
-        if sphere >= 0:
-            node[0], node[1], node[2], node[3] = -2.0, sphere, obstacle, bound
-            counts[3] += 1
-            counts[6] = sphere * world.obstacles.shape[0] + obstacle
-            continue
-        sphere, other, bound = find_touching(state, world)
-        if sphere >= 0:
-            node[0], node[1], node[2], node[3] = -3.0, sphere, other, bound
-            counts[3] += 1
+        if _excluded(chain, state, world, sweep, tree, node):
             continue
         joint, value = choose_split(chain, state)
         if joint < 0:
@@ -139,9 +150,47 @@ def run(
         counts[7] += 1
         if counts[7] >= _PATIENCE or (state.tangent[0, 0] > 0.0 and counts[7] >= 2):
             _pick_start(state, tree)
-            if search_from(chain, world, root[0], root[1], tree.found, tolerance, 12):
+            if search_from(chain, world, root[0], root[1], tree.found, tolerance, 12, tree.best_gap):
                 return FOUND
     return PAUSED
+
+
+@inner
+def _excluded(chain: Chain, state: State, world: World, sweep: Sweep, tree: Tree, node: Array) -> bool:
+    """Contract the box; whether it holds no solution, with the reason written down in `node`."""
+    looked = False
+    for _ in range(ROUNDS):
+        outcome = contract_once(chain, state)
+        if outcome == EMPTY:
+            node[0] = -1.0
+            tree.counts[2] += 1
+            return True
+        if outcome == STALLED:
+            break
+        if not looked and _is_small(state):
+            looked = True
+            if _collides(chain, state, world, sweep, tree, node):
+                return True
+    return _collides(chain, state, world, sweep, tree, node)
+
+
+@inner
+def _collides(chain: Chain, state: State, world: World, sweep: Sweep, tree: Tree, node: Array) -> bool:
+    """Whether a sphere collides all over the box, written down in `node`."""
+    counts = tree.counts
+    sphere, other, bound = find_blocked(chain, state, world, sweep, counts[6])
+    node[0] = -2.0
+    if sphere >= 0:
+        counts[6] = sphere * world.obstacles.shape[0] + other
+    else:
+        sphere, other, bound = find_touching(state, world)
+        node[0] = -3.0
+    if sphere < 0:
+        node[0] = 0.0
+        return False
+    node[1], node[2], node[3] = sphere, other, bound
+    counts[3] += 1
+    return True
 
 
 @inner

@@ -135,7 +135,9 @@ def _set_sweep(state: State, k: int) -> None:
     half = max(state.upper[k] - state.centre[k], state.centre[k] - state.lower[k])
     chord = 0.0
     if half > 0.0:
-        chord = (half if state.lines[0, k, 9] > 0.0 else 2.0 * np.sin(0.5 * min(half, np.pi))) + SLACK
+        # The chord is never longer than the arc, and hardly shorter where that is short.
+        flat = half < 0.2 or state.lines[0, k, 9] > 0.0
+        chord = (half if flat else 2.0 * np.sin(0.5 * min(half, np.pi))) + SLACK
     state.sweep[0, k] = chord
     state.sweep[1, state.lower.shape[0] - 1 - k] = chord
 

@@ -97,8 +97,9 @@ def new_box(joints: int) -> Box:
 
 @checked
 def stand_at_centre(robot: Robot, box: Box) -> None:
-    """Compute the motions and lines at the middle of the box."""
+    """Compute the motions and lines at the middle of the box; how joints follow one another isn't known there yet."""
     joints = robot.lines.shape[0]
+    box.follow[0, 0] = 0.0
     base, target = box.motions[0], box.motions[1]
     for k in range(joints):
         box.centre[k] = 0.5 * (box.lower[k] + box.upper[k])
@@ -131,10 +132,10 @@ def _follow_joint(robot: Robot, T: Array, k: int, value: float, out: Array) -> N
 
 @checked
 def update_chord(box: Box, k: int) -> None:
-    """The chord of joint k's largest departure from the centre."""
+    """The chord of joint k's largest departure from the centre, or the departure itself, which is no less."""
     h = max(box.upper[k] - box.centre[k], box.centre[k] - box.lower[k])
     if h > 0.0:
-        box.chord[k] = (h if box.sides[0, k, 9] > 0.0 else 2.0 * np.sin(0.5 * min(h, np.pi))) + EPS
+        box.chord[k] = (h if h < 0.3 or box.sides[0, k, 9] > 0.0 else 2.0 * np.sin(0.5 * min(h, np.pi))) + EPS
     else:
         box.chord[k] = 0.0
 

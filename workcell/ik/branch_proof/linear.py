@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from workcell.ik.branch_proof.closure import Box, Robot, narrow, off_axis
-from workcell.ik.branch_proof.vectors import Vector, checked, cross, minus, move, norm, vector
+from workcell.ik.branch_proof.vectors import Vector, checked, cross, dot, minus, move, norm, vector
 from workcell.pose import Array
 
 _OFF = 1e-12
@@ -52,14 +52,22 @@ def follow_closure(robot: Robot, box: Box) -> bool:
     owner = np.full(6, -1)
     system = A.copy()
     _solve(robot, A, bound, lever, h, owner)
-    for r in range(6):
-        weights = A[r, joints : joints + 6].copy()
-        A[r] = 0.0
-        for s in range(6):
-            if weights[s] != 0.0:
-                A[r] += weights[s] * system[s]
-        A[r, joints : joints + 6] = weights
+    _recompute(A, system)
     return _use(robot, box, A, bound, lever, owner)
+
+
+@checked
+def _recompute(A: Array, system: Array) -> None:
+    """Replace the rows of A by their weights times the system."""
+    noise = A.shape[1] - 7
+    for r in range(6):
+        for k in range(A.shape[1]):
+            if noise <= k < noise + 6:
+                continue
+            total = 0.0
+            for s in range(6):
+                total += A[r, noise + s] * system[s, k]
+            A[r, k] = total
 
 
 @checked
@@ -79,7 +87,10 @@ def _system(robot: Robot, box: Box, m: int, h: Array, A: Array, bound: Array, le
     joints = h.shape[0]
     point = vector(robot.lines[m], 6)
     p, t = move(box.motions[0, m], point), move(box.motions[1, m], point)
-    D = box.motions[1, m, :9].copy().reshape(3, 3) @ box.motions[0, m, :9].copy().reshape(3, 3).T
+    D = np.empty((3, 3))
+    for a in range(3):
+        for b in range(3):
+            D[a, b] = dot(vector(box.motions[1, m], 3 * a), vector(box.motions[0, m], 3 * b))
     apart = np.sqrt(max(3.0 - D[0, 0] - D[1, 1] - D[2, 2], 0.0))
     if apart > 1.4 and robot.turns:
         return False
@@ -175,10 +186,14 @@ def _solve(robot: Robot, A: Array, bound: Array, lever: Array, h: Array, owner: 
         if row < 0:
             return
         owner[row], used[joint] = joint, 1.0
-        A[row] /= A[row, joint]
+        pivot = A[row, joint]
+        for k in range(joints + 7):
+            A[row, k] /= pivot
         for r in range(6):
-            if r != row:
-                A[r] -= A[r, joint] * A[row]
+            factor = A[r, joint]
+            if r != row and factor != 0.0:
+                for k in range(joints + 7):
+                    A[r, k] -= factor * A[row, k]
 
 
 @checked

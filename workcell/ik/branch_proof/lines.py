@@ -38,39 +38,61 @@ from workcell.ik.branch_proof.vectors import (
 )
 from workcell.pose import Array
 
+EMPTY, AGAIN, STALLED = 0, 1, 2
 ROUNDS = 8
-"""Times a box is contracted by everything."""
+"""Times a box is contracted at most."""
+_WORTH = 0.3
+"""Fall in the sum of the widths' logarithms for which a box is contracted again by what has just been used."""
 
 
 @checked
 def contract(robot: Robot, box: Box) -> bool:
     """Shrink a box as long as that pays; False if it is proved to hold no solution."""
-    joints = box.lower.shape[0]
     for _ in range(ROUNDS):
-        before = 0.0
-        for k in range(joints):
-            before += np.log(box.upper[k] - box.lower[k] + 1e-9)
-        stand_at_centre(robot, box)
-        if not contract_lines(robot, box) or not follow_closure(robot, box):
-            return False
-        after = 0.0
-        for k in range(joints):
-            after += np.log(box.upper[k] - box.lower[k] + 1e-9)
-        if after > before - 0.1:
-            break
+        outcome = contract_once(robot, box)
+        if outcome != AGAIN:
+            return outcome != EMPTY
     return True
 
 
 @checked
-def contract_lines(robot: Robot, box: Box) -> bool:
-    """Contract every joint by every pair of lines; False if the box is proved to hold no solution."""
-    joints = box.lower.shape[0]
-    for k in range(1, joints - 1):
+def contract_once(robot: Robot, box: Box) -> int:
+    """Shrink a box once: EMPTY if it is proved to hold no solution, AGAIN if that paid, else STALLED."""
+    before = _size(box)
+    stand_at_centre(robot, box)
+    if not contract_near(robot, box):
+        return EMPTY
+    if _size(box) < before - _WORTH:
+        return AGAIN
+    if not contract_through(robot, box) or not follow_closure(robot, box):
+        return EMPTY
+    return AGAIN if _size(box) < before - _WORTH else STALLED
+
+
+@checked
+def _size(box: Box) -> float:
+    total = 0.0
+    for k in range(1, box.lower.shape[0] - 1):
+        total += np.log(box.upper[k] - box.lower[k] + 1e-9)
+    return total
+
+
+@checked
+def contract_near(robot: Robot, box: Box) -> bool:
+    """Contract every joint by its neighbours' lines; False if the box is proved to hold no solution."""
+    for k in range(1, box.lower.shape[0] - 1):
         if not _same_line(robot, box, k + 1, k) or not _same_line(robot, box, k - 1, k):
             return False
-    for i in range(1, joints - 1):
-        if not _middle(robot, box, i):
+        if not _middle(robot, box, k):
             return False
+    return True
+
+
+@checked
+def contract_through(robot: Robot, box: Box) -> bool:
+    """Contract every joint by the lines around every other; False if the box is proved to hold no solution."""
+    joints = box.lower.shape[0]
+    for i in range(1, joints - 1):
         between(robot, box, i)
         for j in range(1, i - 1):
             if not _known(robot, box, i - 1, j, i + 1):

@@ -124,23 +124,26 @@ def angles_in_band(
         return 1.0, -1.0
     if low <= -size and high >= size:
         return lower, upper
-    nearest = np.arccos(high / size) - EPS if high < size else 0.0
-    farthest = np.arccos(low / size) + EPS if low > -size else np.pi
+    nearest = max(np.arccos(high / size) - EPS, 0.0) if high < size else 0.0
+    farthest = min(np.arccos(low / size) + EPS, np.pi) if low > -size else np.pi
+    # The angles are nearest <= |t - phase| <= farthest, turn after turn: what comes first after `lower`, and by symmetry
+    # last before `upper`.
     phase = np.arctan2(c, b)
-    first, last = 1.0, -1.0
-    k = np.floor((lower - phase) / (2 * np.pi)) - 1.0
-    while phase + 2 * np.pi * k - np.pi <= upper + 1.0:
-        middle = phase + 2 * np.pi * k
-        for side in (-1.0, 1.0):
-            start = middle + (nearest if side > 0 else -farthest)
-            end = middle + (farthest if side > 0 else -nearest)
-            start, end = max(start - EPS, lower), min(end + EPS, upper)
-            if start <= end:
-                if first > last:
-                    first, last = start, end
-                first, last = min(first, start), max(last, end)
-        k += 1.0
-    return first, last
+    first = lower + _wait(lower - phase, nearest, farthest) - EPS
+    last = upper - _wait(phase - upper, nearest, farthest) + EPS
+    return max(first, lower), min(last, upper)
+
+
+@checked
+def _wait(u: float, nearest: float, farthest: float) -> float:
+    """How far up from u the nearest number t is with nearest <= |t + 2 pi k| <= farthest for some k."""
+    turns = 2.0 * np.pi
+    u -= turns * np.floor(u / turns)
+    if u < nearest:
+        return nearest - u
+    if u <= farthest:
+        return 0.0
+    return max(turns - farthest - u, 0.0) if u <= turns - nearest else turns + nearest - u
 
 
 @checked

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from workcell.ik.branch_proof.closure import Box, Robot
-from workcell.ik.branch_proof.lines import contract
+from workcell.ik.branch_proof.closure import Box, Robot, stand_at_centre
+from workcell.ik.branch_proof.lines import EMPTY, ROUNDS, STALLED, contract, contract_once
 from workcell.ik.branch_proof.obstacles import Scene, collides, touch
-from workcell.ik.branch_proof.vectors import entry
+from workcell.ik.branch_proof.vectors import checked, entry
 from workcell.pose import Array
 
 PROVED, TOO_SHORT, TOO_LONG, BAD_NODE, BAD_SPLIT, BAD_PAIR, UNPROVED, TOO_DEEP = 0, 1, 2, 3, 4, 5, 6, 7
@@ -50,10 +50,22 @@ def walk(
                 return TOO_SHORT, node
             code = tree[node]
             node += 1
+        if from_tree and code in (OBSTACLE, SPHERES):
+            if pair >= pairs.shape[1]:
+                return BAD_PAIR, node
+            s, o = pairs[0, pair], pairs[1, pair]
+            pair += 1
+            others = scene.obstacles.shape[0] if code == OBSTACLE else scene.spheres.shape[0]
+            if not (0 <= s < scene.spheres.shape[0] and 0 <= o < others):
+                return BAD_PAIR, node
         empty = False
         for k in range(joints):
             empty = empty or box.lower[k] > box.upper[k]
-        empty = empty or not contract(robot, box)
+        if code in (KINEMATIC, OBSTACLE, SPHERES):
+            if empty or _proved(robot, box, scene, code, int(s), int(o), clearance):
+                continue
+        else:
+            empty = empty or not contract(robot, box)
         if code >= 0.0:
             joint = int(code) + 1
             if code != np.floor(code) or joint > joints - 2 or split >= splits.shape[0]:
@@ -65,20 +77,6 @@ def walk(
             if empty:
                 box.lower[joint], box.upper[joint] = 1.0, -1.0
         elif code in (KINEMATIC, OBSTACLE, SPHERES):
-            if from_tree and code != KINEMATIC:
-                if pair >= pairs.shape[1]:
-                    return BAD_PAIR, node
-                s, o = pairs[0, pair], pairs[1, pair]
-                pair += 1
-                others = scene.obstacles.shape[0] if code == OBSTACLE else scene.spheres.shape[0]
-                if not (0 <= s < scene.spheres.shape[0] and 0 <= o < others):
-                    return BAD_PAIR, node
-            if empty:
-                continue
-            if code == OBSTACLE and collides(robot, box, scene, int(s), int(o), clearance):
-                continue
-            if code == SPHERES and touch(robot, box, scene, int(s), int(o), clearance):
-                continue
             if spare == 0:
                 return UNPROVED, node
             spare -= 1
@@ -101,3 +99,22 @@ def walk(
     if node < tree.shape[0] or split < splits.shape[0] or pair < pairs.shape[1]:
         return TOO_LONG, node
     return PROVED, node
+
+
+@checked
+def _proved(robot: Robot, box: Box, scene: Scene, code: float, s: int, o: int, clearance: float) -> bool:
+    """Whether a leaf's box is excluded, by the collision that it names or because it empties; tried after every round."""
+    stand_at_centre(robot, box)
+    for _ in range(ROUNDS):
+        if code == OBSTACLE and collides(robot, box, scene, s, o, clearance):
+            return True
+        if code == SPHERES and touch(robot, box, scene, s, o, clearance):
+            return True
+        outcome = contract_once(robot, box)
+        if outcome == EMPTY:
+            return True
+        if outcome == STALLED:
+            break
+    if code == OBSTACLE:
+        return collides(robot, box, scene, s, o, clearance)
+    return code == SPHERES and touch(robot, box, scene, s, o, clearance)

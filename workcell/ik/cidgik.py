@@ -15,8 +15,9 @@ import numpy as np
 from workcell.errors import InputError
 from workcell.ik.certificate import Certificate
 from workcell.ik.cidgik_certificate import certify
-from workcell.ik.cidgik_model import keeper_of, relaxation_at
+from workcell.ik.cidgik_model import fastest_relaxation_at, relaxation_at
 from workcell.ik.cidgik_proof import Proof
+from workcell.ik.cidgik_recover import nearest_turn
 from workcell.ik.cidgik_search import Finished, Search
 from workcell.ik.elementary import prove_impossible
 from workcell.ik.polish import Polished, polish
@@ -55,15 +56,23 @@ def solve_cidgik(problem: IKProblem, budget: Budget, seed: int = 0, *, local: bo
     refuse_buried_base(problem)
     if time.process_time() >= deadline:
         return Candidate()
-    instance = relaxation_at(problem)
+    skeleton, instance, keeper = fastest_relaxation_at(problem)
     try:
         certificate = prove_impossible(problem)
         if certificate is not None:
             return Candidate(certificate=certificate)
-        keeper = keeper_of(problem, instance)
         judge = _Judge(problem, interval)
-        rng = np.random.default_rng(seed)
-        search = Search(instance, keeper, judge, deadline, rng, problem.q_reference, local)
+        search = Search(
+            skeleton,
+            instance,
+            keeper,
+            judge,
+            lambda: relaxation_at(problem),
+            deadline,
+            np.random.default_rng(seed),
+            problem.q_reference,
+            local,
+        )
         q = search.run()
         return Candidate(q, judge.certificate, search.stats, tuple(search.rejected), search.error)
     finally:
@@ -112,7 +121,7 @@ class _Judge:
         return self.certificate is not None
 
     def _unwrapped(self, q: Array) -> Array:
-        return self.problem.robot.unwrap(q, self.interval.middle)
+        return nearest_turn(q, self.interval.middle)
 
     def _judged(self, polished: Polished) -> Finished:
         if not polished.reaches(self.problem):

@@ -7,7 +7,7 @@ import numpy as np
 from workcell.errors import InputError
 from workcell.ik.certificate import Certificate, problem_hash
 from workcell.ik.cidgik_instance import Instance
-from workcell.ik.cidgik_model import keeper_of, relaxation_at
+from workcell.ik.cidgik_model import relaxation_at
 from workcell.ik.cidgik_proof import Proof, malformed, margin
 from workcell.ik.cidgik_workspace import Keeper
 from workcell.ik.elementary import WIDE, collision_scope
@@ -23,8 +23,7 @@ def certify(problem: IKProblem, proof: Proof) -> Certificate | None:
     It covers a millimetre, a hundredth of a radian and a millimetre of penetration where the margin allows, else the
     problem's own tolerances.
     """
-    instance = relaxation_at(problem)
-    keeper = keeper_of(problem, instance)
+    instance, keeper = relaxation_at(problem)
     asked = np.array([problem.tolerances.position, problem.tolerances.rotation, 0.0])
     for covered in (np.maximum(asked, WIDE), asked):
         found = margin(instance, keeper, proof, *map(float, covered))
@@ -68,10 +67,9 @@ def check_cidgik(problem: IKProblem, certificate: Certificate) -> str | None:
     if any(values is None for values in parts.values()):
         return "its multipliers are incomplete"
     try:
-        instance = relaxation_at(problem)
+        instance, keeper = relaxation_at(problem)
     except InputError as error:
         return str(error)
-    keeper = keeper_of(problem, instance)
     proof = Proof(**parts)  # type: ignore[arg-type]
     return _refusal(problem, certificate, instance, keeper, proof)
 

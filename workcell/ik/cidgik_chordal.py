@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.ik.cidgik_goals import Goal
 from workcell.ik.cidgik_instance import Instance
@@ -32,7 +33,7 @@ class ChordalStructure:
         blocks: structures of pairs of links.
         overlaps: `(one block, another, link)` that both hold.
         home: by link, a block that holds it.
-        agreed: rows of the overlaps that are independent, of all that `ChordalInstance` makes.
+        agreed: (k,) rows of the overlaps that are independent, of all that `ChordalInstance` makes.
     """
 
     def __init__(self, skeleton: Skeleton) -> None:
@@ -57,7 +58,7 @@ class ChordalStructure:
         for index, links in enumerate(self.cliques):
             for link in links:
                 self.home.setdefault(link, index)
-        self.agreed: Array | None = None
+        self.agreed: NDArray[np.int64] | None = None
 
     def _with_known(self, clique: tuple[int, ...]) -> tuple[int, ...]:
         """A clique with the known links that its links are joined to: joints between them belong to the block."""
@@ -77,7 +78,9 @@ class ChordalInstance:
         solves: cone programs so far.
     """
 
-    def __init__(self, structure: ChordalStructure, goals: tuple[Goal, ...], middle: Array, half: Array) -> None:
+    def __init__(
+        self, structure: ChordalStructure, goals: tuple[Goal, ...], middle: Array, half: Array
+    ) -> None:
         self.structure = structure
         self.parts = [Instance(block, goals, middle, half) for block in structure.blocks]
         self.contradiction = False
@@ -121,7 +124,8 @@ class ChordalInstance:
             scale = np.abs(np.diag(R))
             rank = int(np.count_nonzero(scale > _RANK * scale[0]))
             self.structure.agreed = np.sort(order[:rank])
-        return rows[self.structure.agreed]
+        kept: Array = rows[self.structure.agreed]
+        return kept
 
     def solve(self, C: list[Array]) -> ConicSolution:
         """Minimise the sum of <C_b, Z_b>; x are the blocks' coordinates one after another."""
@@ -193,10 +197,11 @@ class ChordalKeeper:
     """The workspace over blocks: each point belongs to one of them. Distances between points are not kept here."""
 
     def __init__(
-        self, instance: ChordalInstance, links: Array, local: Array, rules: Rules, base: Pose
+        self, instance: ChordalInstance, links: NDArray[np.int64], local: Array, rules: Rules, base: Pose
     ) -> None:
         structure = instance.structure
-        home = np.array([structure.home.get(int(link), 0) for link in links], dtype=np.int64)
+        # points of a link in no block can't move
+        home = np.array([structure.home.get(int(link), -1) for link in links], dtype=np.int64)
         self._keepers: list[tuple[int, Keeper]] = []
         for index, part in enumerate(instance.parts):
             mine = np.flatnonzero(home == index)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workcell.ik.cidgik_goals import Goal, Query
+from workcell.ik.cidgik_recover import nearest_turn
 from workcell.ik.cidgik_search import Finished
 from workcell.model.robot import LIMIT_SLACK
 from workcell.pose import Array
@@ -104,7 +105,7 @@ class QueryFinisher:
 
     def _finished(self, q: Array, steps: int, damping: float) -> Finished:
         robot = self.query.robot
-        start = robot.unwrap(q)
+        start = nearest_turn(q, 0.5 * (robot.lower + robot.upper))
         now = np.clip(start, robot.lower, robot.upper)
         e, J = self._error(now)
         for _ in range(steps):

@@ -9,8 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from workcell.ik.cidgik_chordal import ChordalInstance, ChordalKeeper, ChordalStructure
 from workcell.ik.cidgik_goals import Balls, Goal
 from workcell.ik.cidgik_instance import Instance
+from workcell.ik.cidgik_rank import Relaxed
+from workcell.ik.cidgik_search import Kept
 from workcell.ik.cidgik_skeleton import Skeleton
 from workcell.ik.cidgik_structure import Structure
 from workcell.ik.cidgik_workspace import Keeper, Rules
@@ -34,24 +37,29 @@ class StructureKey:
     skeleton: Any = field(compare=False)
 
 
+CHORDAL_FROM = 18
+"""Order of Z from which small blocks are faster than one large one."""
+
+
 @lru_cache(maxsize=64)
 def _structure(key: StructureKey) -> Structure:
     return Structure(key.skeleton())
 
 
-def shared_structure(
+@lru_cache(maxsize=16)
+def _chordal(key: StructureKey) -> ChordalStructure:
+    return ChordalStructure(key.skeleton())
+
+
+def structure_key(
     robot: Robot,
     goals: tuple[Goal, ...],
     points: tuple[NDArray[np.int64], Array],
     interval: Interval | None,
     dimension: int = 3,
-) -> Structure:
-    """The structure of a robot with these kinds of goals, points and joint intervals (None: they change from query to
-    query), built once.
-
-    Raises:
-        InputError: a robot that points and distances can't describe.
-    """
+) -> StructureKey:
+    """What names the structure of a robot with these kinds of goals, points and joint intervals (None: they change from
+    query to query)."""
     arrays: list[NDArray[Any]] = [robot.parents, robot.joint_xyz, robot.joint_rotation, robot.axis]
     arrays += [robot.prismatic, *points]
     for goal in goals:
@@ -66,23 +74,68 @@ def shared_structure(
     def skeleton() -> Skeleton:
         return Skeleton(robot, goals, points, bounds.lower, bounds.upper, dimension, generic=interval is None)
 
-    return _structure(StructureKey(b"".join(a.tobytes() for a in arrays), (*kinds, shapes), skeleton))
+    return StructureKey(b"".join(a.tobytes() for a in arrays), (*kinds, shapes), skeleton)
 
 
-def relaxation_at(problem: IKProblem) -> Instance:
-    """The relaxation of a problem; see `shared_structure`."""
+def structure_of(key: StructureKey) -> Structure:
+    """The structure in one block, built once.
+
+    Raises:
+        InputError: a robot that points and distances can't describe.
+    """
+    return _structure(key)
+
+
+def chordal_structure_of(key: StructureKey) -> ChordalStructure | None:
+    """The structure in small blocks, built once; None where one block is faster."""
+    structure = _structure(key)
+    return _chordal(key) if structure.order >= CHORDAL_FROM else None
+
+
+def _problem_key(problem: IKProblem) -> StructureKey:
     interval = Interval.of(problem)
     points = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
     if _collides(problem) and problem.cover is not None:
         points = (problem.cover.link, problem.cover.centre)
     goals = (Goal.posed(problem.robot.default_tool, problem.target),)
     fixed = None if problem.max_step is not None else interval
-    structure = shared_structure(problem.robot, goals, points, fixed)
-    return Instance(structure, goals, interval.middle, interval.half)
+    return structure_key(problem.robot, goals, points, fixed)
 
 
-def keeper_of(problem: IKProblem, instance: Instance) -> Keeper | None:
-    """The cover's spheres against the obstacles: spheres as such, other solids by planes; None without either."""
+def relaxation_at(problem: IKProblem) -> tuple[Instance, Keeper | None]:
+    """The relaxation of a problem in one block, and the workspace over it: the cover's spheres against the obstacles,
+    spheres as such, other solids by planes (None without either).
+
+    Raises:
+        InputError: a robot that points and distances can't describe.
+    """
+    interval = Interval.of(problem)
+    goals = (Goal.posed(problem.robot.default_tool, problem.target),)
+    instance = Instance(structure_of(_problem_key(problem)), goals, interval.middle, interval.half)
+    rules, cover = _rules(problem), problem.cover
+    if rules is None or cover is None:
+        return instance, None
+    points = instance.structure.reduction.points(cover.link, cover.centre)
+    return instance, Keeper(instance, points, rules, problem.robot.T_world_base)
+
+
+def fastest_relaxation_at(problem: IKProblem) -> tuple[Skeleton, Relaxed, Kept | None]:
+    """The skeleton, and the relaxation and workspace in one block or, for long chains, in many; raises likewise."""
+    chordal = chordal_structure_of(_problem_key(problem))
+    if chordal is None:
+        instance, keeper = relaxation_at(problem)
+        return instance.structure.skeleton, instance, keeper
+    interval = Interval.of(problem)
+    goals = (Goal.posed(problem.robot.default_tool, problem.target),)
+    parts = ChordalInstance(chordal, goals, interval.middle, interval.half)
+    rules, cover = _rules(problem), problem.cover
+    if rules is None or cover is None:
+        return chordal.skeleton, parts, None
+    kept = ChordalKeeper(parts, cover.link, cover.centre, rules, problem.robot.T_world_base)
+    return chordal.skeleton, parts, kept
+
+
+def _rules(problem: IKProblem) -> Rules | None:
     if not _collides(problem) or problem.cover is None:
         return None
     spheres = [piece for piece in problem.obstacles if piece.kind == "sphere"]
@@ -92,9 +145,7 @@ def keeper_of(problem: IKProblem, instance: Instance) -> Keeper | None:
     )
     solids = tuple(piece for piece in problem.obstacles if piece.kind != "sphere")
     radius = problem.cover.radius + problem.tolerances.safety_margin
-    rules = Rules(radius, balls, Balls.none(), pieces=solids)
-    points = instance.structure.reduction.points(problem.cover.link, problem.cover.centre)
-    return Keeper(instance, points, rules, problem.robot.T_world_base)
+    return Rules(radius, balls, Balls.none(), pieces=solids)
 
 
 def _collides(problem: IKProblem) -> bool:

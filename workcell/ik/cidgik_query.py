@@ -14,12 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from workcell.errors import InputError
+from workcell.ik.cidgik_chordal import ChordalInstance, ChordalKeeper
 from workcell.ik.cidgik_finish import QueryFinisher, Verdict, judge_query
 from workcell.ik.cidgik_goals import Plane, Query
 from workcell.ik.cidgik_instance import Instance
-from workcell.ik.cidgik_model import shared_structure
+from workcell.ik.cidgik_model import chordal_structure_of, structure_key, structure_of
 from workcell.ik.cidgik_proof import Proof, malformed, margin
-from workcell.ik.cidgik_search import Search
+from workcell.ik.cidgik_rank import Relaxed
+from workcell.ik.cidgik_search import Kept, Search
+from workcell.ik.cidgik_skeleton import Skeleton
 from workcell.ik.cidgik_workspace import Keeper, Rules, plane_in_base
 from workcell.ik.problem import Budget
 from workcell.ik.relaxation import Interval
@@ -63,14 +66,17 @@ def solve_query(query: Query, budget: Budget | None = None, seed: int = 0, *, lo
             dimensions, two joints about one axis), or a workspace that a point fixed by the base or a goal breaks.
     """
     started = time.process_time()
-    instance, keeper = _relaxed(query)
+    whole, keeper = _relaxed(query)
+    _refuse_fixed(query, keeper)
+    skeleton, instance, kept = _fastest(query, whole, keeper)
     try:
-        _refuse_fixed(query, keeper)
         finisher = _Prover(query)
         deadline = started + (budget or Budget()).cpu_s
         rng = np.random.default_rng(seed)
-        search = Search(instance, keeper, finisher, deadline, rng, local=local)
-        if instance.contradiction:
+        search = Search(
+            skeleton, instance, kept, finisher, lambda: _relaxed(query), deadline, rng, local=local
+        )
+        if whole.contradiction:
             search.note("a point that can't move is not in the plane that it must be in")
             q = None
         else:
@@ -120,7 +126,7 @@ def _relaxed(query: Query) -> tuple[Instance, Keeper]:
     robot, space = query.robot, query.workspace
     interval = Interval(robot.lower, robot.upper)
     points = (space.points.link, space.points.local)
-    structure = shared_structure(robot, query.goals, points, interval, query.dimension)
+    structure = structure_of(structure_key(robot, query.goals, points, interval, query.dimension))
     vectors = structure.reduction.points(space.points.link, space.points.local)
     planes = tuple(
         (vectors.one(i), *plane_in_base(plane, robot.T_world_base, structure.skeleton.plane))
@@ -129,8 +135,28 @@ def _relaxed(query: Query) -> tuple[Instance, Keeper]:
         for i in _listed(plane, len(space.points))
     )
     instance = Instance(structure, query.goals, interval.middle, interval.half, planes)
-    rules = Rules(space.points.radius, space.obstacles, space.inside, space.planes, space.apart)
-    return instance, Keeper(instance, vectors, rules, robot.T_world_base)
+    return instance, Keeper(instance, vectors, _rules(query), robot.T_world_base)
+
+
+def _fastest(query: Query, whole: Instance, keeper: Keeper) -> tuple[Skeleton, Relaxed, Kept | None]:
+    """Small blocks for long chains, unless a rule ties points of different blocks together or a plane holds points."""
+    robot, space = query.robot, query.workspace
+    skeleton = whole.structure.skeleton
+    interval = Interval(robot.lower, robot.upper)
+    points = (space.points.link, space.points.local)
+    chordal = None
+    if not space.apart and not whole.added:
+        chordal = chordal_structure_of(structure_key(robot, query.goals, points, interval, query.dimension))
+    if chordal is None:
+        return skeleton, whole, keeper if len(space.points) else None
+    parts = ChordalInstance(chordal, query.goals, whole.middle, whole.half)
+    kept = ChordalKeeper(parts, space.points.link, space.points.local, _rules(query), robot.T_world_base)
+    return skeleton, parts, kept
+
+
+def _rules(query: Query) -> Rules:
+    space = query.workspace
+    return Rules(space.points.radius, space.obstacles, space.inside, space.planes, space.apart)
 
 
 def _listed(plane: Plane, count: int) -> range | tuple[int, ...]:

@@ -36,6 +36,12 @@ def joint_angles(skeleton: Skeleton, directions: Mapping[int, Array]) -> Array:
     return q
 
 
+def nearest_turn(q: Array, middle: Array) -> Array:
+    """Angles (n,) moved by whole turns to be as near as can be to the middles (n,) of their intervals."""
+    nearest: Array = q - 2 * np.pi * np.round((q - middle) / (2 * np.pi))
+    return nearest
+
+
 def _per_joint(skeleton: Skeleton) -> list[tuple[Array, ...]]:
     """For each joint: its link's directions without the part along the axis, z x them, and [z]x and its square."""
     tables: list[tuple[Array, ...]] = []

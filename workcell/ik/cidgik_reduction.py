@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +100,7 @@ class Reduction:
         self.rank = len(self._chosen)
         alpha, rest = coefficients[: self.rank].T, coefficients[self.rank :].T
         self.like = Vectors(alpha, rest[:, :d], rest[:, d:])
-        bounds = list(zip(starts[:-1], starts[1:], strict=True))
+        bounds = list(pairwise(starts.tolist()))
         self.directions = {k: self.like.part(a, b) for k, (a, b) in zip(self.links, bounds, strict=True)}
         self.origins = {k: self.like.one(int(starts[-1]) + i) for i, k in enumerate(self.links)}
         self._directions_end = int(starts[-1])

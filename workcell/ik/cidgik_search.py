@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -10,8 +11,9 @@ import numpy as np
 
 from workcell.ik.cidgik_instance import Instance
 from workcell.ik.cidgik_proof import Proof, proof_of
-from workcell.ik.cidgik_rank import Iterate, converge
+from workcell.ik.cidgik_rank import Blocks, Iterate, Relaxed, converge
 from workcell.ik.cidgik_recover import joint_angles
+from workcell.ik.cidgik_skeleton import Skeleton
 from workcell.ik.cidgik_workspace import Keeper
 from workcell.pose import Array
 
@@ -52,21 +54,46 @@ class Finisher(Protocol):
         ...
 
 
+class Kept(Protocol):
+    """The workspace over a relaxation: `Keeper`, or `ChordalKeeper`."""
+
+    @property
+    def passing(self) -> bool:
+        """Whether rows are loaded that not every solution keeps."""
+        ...
+
+    def forget_passing(self) -> None:
+        """At a restart."""
+        ...
+
+    def add_broken(self, Z: Blocks) -> int:
+        """Rows for what points break."""
+        ...
+
+    def add_cut_off(self, Z: Blocks) -> int:
+        """Rows for what Z breaks."""
+        ...
+
+
 @dataclass(slots=True)
 class Search:
     """One run.
 
     Attributes:
-        instance, keeper, finisher: the relaxation, the workspace (None: nothing to keep), and the judge.
+        skeleton, instance, keeper, finisher: the robot's vectors, the relaxation, the workspace (None: nothing to
+            keep), and the judge.
+        whole: makes the relaxation in one block, and its workspace, in which proofs are given.
         deadline: `time.process_time()` at which to stop.
         rng: of the objectives.
         near: (n,) a configuration to begin next to, or None.
         local: also descend from iterates that are not of low rank.
     """
 
-    instance: Instance
-    keeper: Keeper | None
+    skeleton: Skeleton
+    instance: Relaxed
+    keeper: Kept | None
     finisher: Finisher
+    whole: Callable[[], tuple[Instance, Keeper | None]]
     deadline: float
     rng: np.random.Generator
     near: Array | None = None
@@ -114,7 +141,7 @@ class Search:
             self.error = "Clarabel found neither a point of the relaxation nor a proof that it is empty"
         return None
 
-    def _objective(self) -> Array:
+    def _objective(self) -> Blocks:
         """First toward the configuration to stay near, or the nuclear norm (C = I); then random."""
         if self.restarts > 0:
             return self.instance.random_objective(self.rng)
@@ -122,7 +149,7 @@ class Search:
             return self.instance.nuclear()
         return self.instance.toward(self.near)
 
-    def _attempt(self, C: Array) -> Array | None:
+    def _attempt(self, C: Blocks) -> Array | None:
         """One restart: converge, add the rows that are broken, converge again; a configuration, if there is one."""
         self.restarts += 1
         for _ in range(ROUNDS):
@@ -145,8 +172,8 @@ class Search:
             C = next_objective
         return None
 
-    def _angles(self, Z: Array) -> Array:
-        return joint_angles(self.instance.structure.skeleton, self.instance.directions(Z))
+    def _angles(self, Z: Blocks) -> Array:
+        return joint_angles(self.skeleton, self.instance.directions(Z))
 
     def _accepted(self, finished: Finished) -> Array | None:
         if finished.refusal is None and not self.local and finished.moved > MAX_POLISH:
@@ -162,13 +189,19 @@ class Search:
         """Whether the ray of an empty relaxation is a proof."""
         if empty.ray is None:
             return False
-        proof = proof_of(self.instance, self.keeper, empty.ray)
+        if isinstance(self.instance, Instance) and (self.keeper is None or isinstance(self.keeper, Keeper)):
+            proof = proof_of(self.instance, self.keeper, empty.ray)
+        else:
+            instance, keeper = self.whole()
+            solution = instance.solve(instance.nuclear())
+            proof = proof_of(instance, keeper, solution.z) if solution.status == "infeasible" else None
+            instance.release()
         if proof is not None and self.finisher.prove(proof):
             return True
         self.note("the relaxation is empty, but not by the margin that the tolerances need")
         return False
 
-    def _prove_with_all(self, keeper: Keeper) -> bool:
+    def _prove_with_all(self, keeper: Kept) -> bool:
         """Add the rows on spheres that points of the relaxation itself break, until it is empty or keeps them all."""
         keeper.forget_passing()
         C = self.instance.nuclear()

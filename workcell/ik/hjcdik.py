@@ -178,7 +178,7 @@ class _Search:
                 if status == kernels().FOUND and self._passes(q):
                     return self._candidate(q, exhausted=False)
                 if status == kernels().EXHAUSTED:
-                    lanes.remove(lane)
+                    lanes = [other for other in lanes if other is not lane]
                 elif status == kernels().SPENT and self._refine(world, memory, q) and self._passes(q):
                     return self._candidate(q, exhausted=False)
                 if time.process_time() > deadline or self._checks >= MOST_CHECKS:

@@ -19,14 +19,18 @@ from workcell.ik.result import IKResult, Status
 from workcell.ik.solve import solve
 
 Row = dict[str, Any]
-BenchFunction = Callable[[int, int, Path | None], list[Row]]
-"""Takes n problems a row, the seed and the folder of problem sets; returns rows as `row_of` makes them."""
+BenchFunction = Callable[..., list[Row]]
+"""Takes n problems a row, the seed and the folder of problem sets; returns rows as `row_of` makes them. One that `repeats`
+also takes the numbers of seeds and of processes."""
 
 _PROVIDERS = (
     "workcell.bench.sets",
     "workcell.bench.ikspark",
     "workcell.bench.cidgik",
+    "workcell.bench.cidgik_scaling",
+    "workcell.bench.cidgik_supplement",
     "workcell.bench.hjcd",
+    "workcell.bench.hjcd_mmd",
     "workcell.bench.tasks",
     "workcell.bench.clearance",
     "workcell.bench.free_space",
@@ -35,12 +39,14 @@ _PROVIDERS = (
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """A bench: its name, its own number of problems a row, what it measures, and the function that does."""
+    """A bench: its name, its own number of problems a row, what it measures, the function that does, and whether that can
+    run several seeds, and in several processes."""
 
     name: str
     n: int
     description: str
     run: BenchFunction
+    repeats: bool = False
 
 
 def list_benches() -> tuple[Bench, ...]:
@@ -51,7 +57,15 @@ def list_benches() -> tuple[Bench, ...]:
     return tuple(sorted(found, key=lambda bench: bench.name))
 
 
-def run_bench(name: str, *, n: int | None = None, seed: int = 0, sets: Path | None = None) -> Row:
+def run_bench(
+    name: str,
+    *,
+    n: int | None = None,
+    seed: int = 0,
+    sets: Path | None = None,
+    seeds: int = 1,
+    jobs: int = 1,
+) -> Row:
     """Measure a bench.
 
     Args:
@@ -59,12 +73,15 @@ def run_bench(name: str, *, n: int | None = None, seed: int = 0, sets: Path | No
         n: problems a row; None: the bench's own.
         seed: of problems and solvers.
         sets: folder of problem-set files, for the benches that need one.
+        seeds: runs with as many seeds from `seed` on, of which the worst is reported; where the bench can.
+        jobs: processes, where the bench can.
 
     Returns:
         `{"bench", "n", "seed", "rows"}`, ready for JSON.
 
     Raises:
-        UnknownNameError: no such bench. InputError: `n` below 1, or a folder is missing.
+        UnknownNameError: no such bench. InputError: `n`, `seeds` or `jobs` below 1, or more than the bench can; a folder is
+            missing.
     """
     benches = {bench.name: bench for bench in list_benches()}
     if name not in benches:
@@ -73,7 +90,18 @@ def run_bench(name: str, *, n: int | None = None, seed: int = 0, sets: Path | No
     count = bench.n if n is None else n
     if count < 1:
         raise InputError(f"{count} problems a row make no table", where="n", remedy="at least 1")
-    return {"bench": name, "n": count, "seed": seed, "rows": bench.run(count, seed, sets)}
+    if min(seeds, jobs) < 1:
+        raise InputError(
+            f"{seeds} seeds in {jobs} processes make no table", where="seeds", remedy="at least 1"
+        )
+    if bench.repeats:
+        rows = bench.run(count, seed, sets, seeds, jobs)
+    elif max(seeds, jobs) == 1:
+        rows = bench.run(count, seed, sets)
+    else:
+        able = ", ".join(entry.name for entry in benches.values() if entry.repeats)
+        raise InputError(f"{name} runs once, in one process", where="bench", remedy=f"several: {able}")
+    return {"bench": name, "n": count, "seed": seed, "rows": rows}
 
 
 def row_of(

@@ -144,6 +144,7 @@ def _add_solving(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     ik._negative_number_matcher = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$|^-(inf|nan)$")
     ik.add_argument("--tool", metavar="SITE", help="the site to place (default: the robot's tool)")
     ik.add_argument("--cell", metavar="CELL", help="a cell or task with obstacles")
+    ik.add_argument("--no-why", action="store_true", help='don\'t explain a proved "no" (it takes seconds)')
     _solver_options(ik)
     _json_option(ik)
 
@@ -210,6 +211,10 @@ def _add_solving(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     bench.add_argument(
         "--sets", metavar="DIR", help="folder of problem-set files, for the benches that run them"
     )
+    bench.add_argument(
+        "--seeds", type=_positive_int, default=1, metavar="N", help="run N seeds and report the worst"
+    )
+    bench.add_argument("--jobs", type=_positive_int, default=1, metavar="N", help="processes (default 1)")
     bench.add_argument("--out", metavar="FILE", help="write the rows as JSON")
     _seed_option(bench)
     _json_option(bench)

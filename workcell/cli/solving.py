@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,25 +15,35 @@ from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import IKResult
 from workcell.pose import Pose
 
+if TYPE_CHECKING:
+    from workcell.motion.world import PlanningWorld
+
 
 def ik(options: argparse.Namespace) -> int:
     """One query, answered in words."""
     from workcell.ik.solve import check_solver_name, solve
+    from workcell.ik.why_not import explain
 
     check_solver_name(options.solver)
     target = Pose(np.array(options.pose[:3]), np.array(options.pose[3:]))
-    problem = _problem(options, target)
+    world = _world(options)
+    problem = world.problem(target)
     result = solve(problem, solver=options.solver, budget=Budget(options.budget_s), seed=options.seed)
+    why = None
+    if result.status.is_proof and not options.no_why:
+        why = explain(problem, result, without=world.relaxed, seed=options.seed)
     if options.json:
-        print_json(_result_json(problem, result))
+        print_json({**_result_json(problem, result), "why": None if why is None else why.to_json()})
     else:
         _tell(problem, result)
+        if why is not None:
+            print(f"  why: {why.sentence}")
     if result.solved:
         return exit_codes.DONE
     return exit_codes.IMPOSSIBLE if result.status.is_impossible else exit_codes.NOT_ACHIEVED
 
 
-def _problem(options: argparse.Namespace, target: Pose) -> IKProblem:
+def _world(options: argparse.Namespace) -> PlanningWorld:
     """The robot alone checks itself against itself; in a cell, against everything there."""
     from workcell.model.data import list_assets
     from workcell.model.scene import Scene
@@ -55,8 +65,7 @@ def _problem(options: argparse.Namespace, target: Pose) -> IKProblem:
             )
             scene = Scene.load(options.cell, robot=options.robot) if fits else scene
             name = None if fits else options.robot
-    world = PlanningWorld.of(scene, name, tool=options.tool, seed=options.seed)
-    return world.problem(target)
+    return PlanningWorld.of(scene, name, tool=options.tool, seed=options.seed)
 
 
 def _result_json(problem: IKProblem, result: IKResult) -> dict[str, Any]:
@@ -166,7 +175,9 @@ def bench(options: argparse.Namespace) -> int:
     if options.out:
         check_writable(options.out)
     sets = Path(options.sets) if options.sets else None
-    document = run_bench(options.bench, n=options.n, seed=options.seed, sets=sets)
+    document = run_bench(
+        options.bench, n=options.n, seed=options.seed, sets=sets, seeds=options.seeds, jobs=options.jobs
+    )
     if options.out:
         write_json_atomic(Path(options.out), document)
     if options.json:

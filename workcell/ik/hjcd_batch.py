@@ -83,8 +83,9 @@ def solve_batch(
         InputError: targets or configurations of the wrong shape, or not finite; no such device, or Warp isn't installed.
     """
     poses = _target_rows(targets)
-    starts = np.empty((0, robot.dof)) if first is None else _configurations(robot, first, "first")
-    starts = np.clip(starts, robot.lower, robot.upper)
+    starts = np.empty((0, robot.dof))
+    if first is not None:
+        starts = np.clip(_configurations(robot, first, "first"), robot.lower, robot.upper)
     if len(starts) not in (0, len(poses)):
         raise InputError(f"{len(starts)} configurations for {len(poses)} targets", where="first")
     if device is not None:
@@ -159,6 +160,18 @@ def solve_two_phase(
     return _sorted(q, residual)
 
 
+def polish_seeds(robot: Robot, target: Pose, seeds: ArrayLike, accuracy: float = ACCURACY) -> BatchSolution:
+    """Damped Newton polish of each configuration of seeds (k, n) by itself, in their order: phase two alone.
+
+    Raises:
+        InputError: configurations of the wrong shape, or not finite.
+    """
+    q = np.clip(_configurations(robot, seeds, "seeds"), robot.lower, robot.upper)
+    cost = np.empty(len(q))
+    kernels().polish_batch(pack_arm(robot), _target_rows([target])[0], accuracy, q, cost)
+    return BatchSolution(q, np.sqrt(cost), len(q))
+
+
 def _sorted(q: Array, cost: Array) -> BatchSolution:
     order = np.argsort(cost, kind="stable")
     return BatchSolution(q[order], np.sqrt(cost[order]), len(q))
@@ -209,18 +222,18 @@ def _perturbed_copies(robot: Robot, ranked: Array, rng: np.random.Generator) -> 
 
 def _in_parts(work: Callable[[slice], object], count: int, threads: int) -> list[int]:
     """Results of `work` on slices of range(count), one a thread."""
-    edges = np.linspace(0, count, max(1, min(threads, count)) + 1).astype(int)
+    if min(threads, count) <= 1:
+        return [work(slice(0, count))]  # type: ignore[list-item]
+    edges = np.linspace(0, count, min(threads, count) + 1).astype(int)
     parts = [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
-    if len(parts) == 1:
-        return [work(parts[0])]  # type: ignore[list-item]
     with ThreadPoolExecutor(len(parts)) as pool:
         return list(pool.map(work, parts))  # type: ignore[arg-type]
 
 
 def _target_rows(targets: Sequence[Pose] | ArrayLike) -> Array:
     if isinstance(targets, Sequence) and all(isinstance(target, Pose) for target in targets):
-        rows = [[*target.position, *target.quat_wxyz] for target in targets if isinstance(target, Pose)]
-        return np.array(rows, dtype=float).reshape(-1, 7)
+        parts = [part for target in targets for part in (target.position, target.quat_wxyz)]  # type: ignore[union-attr]
+        return np.concatenate(parts).reshape(-1, 7) if parts else np.empty((0, 7))
     rows_array = np.array(targets, dtype=float)
     if rows_array.ndim != 2 or rows_array.shape[1] != 7 or not np.all(np.isfinite(rows_array)):
         raise InputError(
@@ -228,7 +241,7 @@ def _target_rows(targets: Sequence[Pose] | ArrayLike) -> Array:
             where="targets",
             remedy="poses, or finite rows of position and quaternion wxyz (k, 7)",
         )
-    length = np.linalg.norm(rows_array[:, 3:], axis=1)
+    length = np.sqrt(np.einsum("ij,ij->i", rows_array[:, 3:], rows_array[:, 3:]))
     if np.any(np.abs(length - 1.0) > 1e-3):
         row = int(np.argmax(np.abs(length - 1.0)))
         raise InputError(f"the quaternion of target {row} has length {length[row]:.6g}", where="targets")

@@ -16,16 +16,18 @@ from workcell.ik.solve import solve
 from workcell.model.contact import CollisionModel
 from workcell.model.data import find_task
 from workcell.model.scene import Scene
-from workcell.motion.dynamics import ChainDynamics
+from workcell.motion.dynamics import ChainDynamics, TorqueUse
 from workcell.motion.follow import FollowLimits, follow, local_solver, path_metrics, step_solver
-from workcell.motion.path import Path, Trajectory
-from workcell.motion.plan import PlanSettings, plan
+from workcell.motion.path import Path, Trajectory, stationary
+from workcell.motion.plan import PlanSettings
 from workcell.motion.proof import trajectory_clearance
 from workcell.motion.reach import reach
 from workcell.motion.retime import retime
 from workcell.motion.route import route
+from workcell.motion.team import Team, carry, prove_team_motion
 from workcell.motion.toolpath import PathTolerance
 from workcell.motion.world import PlanningWorld
+from workcell.motion.worldplan import plan_in_world
 from workcell.pose import Array, Pose
 from workcell.record.recording import Recording
 from workcell.record.summary import write_json_atomic
@@ -147,9 +149,7 @@ class Job:
 
     def move(self, world: PlanningWorld, q_from: Array, q_to: Array, what: str) -> Path:
         """A collision-free joint path between two configurations; without one the task ends with the reason."""
-        found = plan(
-            world.robot.robot, q_from, q_to, world.clearance, world.cover, settings=MOVING, seed=self.seed
-        )
+        found = plan_in_world(world, q_from, q_to, settings=MOVING, seed=self.seed)
         if found.path is None:
             self.fail(found.status.value, f"{what}: {found.detail}. {found.status.sentence}")
         self.say(f"{what}: {len(found.path)} waypoints, proved clear")
@@ -175,25 +175,93 @@ class Job:
             f"proved at least {1e3 * clear:.0f} mm clear all along"
         )
 
-    def retime(self, world: PlanningWorld, path: Path, tool_speed: float, what: str) -> Trajectory:
-        """A timed motion along a path: its own clearance proved, its torques within the joints' limits."""
-        trajectory = retime(path, tool_speed=tool_speed)
+    def retime(
+        self,
+        world: PlanningWorld,
+        path: Path,
+        tool_speed: float,
+        what: str,
+        *,
+        acceleration: float | None = None,
+    ) -> Trajectory:
+        """A timed motion along a path: its own clearance proved, its torques within the joints' limits.
+
+        `acceleration` (radians a second squared, of each joint) replaces the robot's own limits, for what may spill.
+        """
+        trajectory = retime(path, acceleration=acceleration, tool_speed=tool_speed)
         proof = trajectory_clearance(
             world.robot.robot, trajectory, world.clearance, world.cover, floor=TRACKING_ROOM
         )
         if not proof.proved:
             self.fail("COLLISION", f"{what}: the timed motion is not clear: {proof.reason}")
-        use = ChainDynamics(self.scene, world.robot.name, world.attached).use(trajectory)
-        if not use.kept:
-            share = float(use.share.max())
-            self.fail(
-                "TORQUE",
-                f"{what}: joint {use.joint} would need {share:.0%} of its effort limit. Move slower.",
-            )
+        dynamics = ChainDynamics(self.scene, world.robot.name, world.attached)
+        use = self._check_torques(dynamics, trajectory, world.attached, what)
         self.say(
             f"{what}: {trajectory.duration:.2f} s, proved {1e3 * TRACKING_ROOM:.0f} mm clear or more, at most {use.share.max():.0%} of {use.joint}'s effort limit"
         )
         return trajectory
+
+    def carry(
+        self, team: Team, poses: Sequence[Pose], starts: Mapping[str, Array], limits: FollowLimits, what: str
+    ) -> Path | None:
+        """A proved path of all arms that hold an object, along the object's poses; None, and why in the story."""
+        result = carry(team, poses, starts, limits=limits, solver=self.planner, seed=self.seed)
+        if result.path is None or result.proof is None:
+            self.say(f"{what}: {result.failure}")
+            return None
+        self.say(
+            f"{what}: {len(result.path)} waypoints of {len(team.grasps)} arms, largest step "
+            f"{result.path.largest_step:.3f} rad, proved at least {1e3 * result.proof.margin:.0f} mm clear all along"
+        )
+        for name in team.grasps:
+            tools = team.tools(name, result.path.configurations)[:, :3, 3]
+            self.recording.log_plan(name, tools)
+        return result.path
+
+    def retime_team(
+        self, team: Team, path: Path, tool_speed: float, strain: float, what: str
+    ) -> tuple[Trajectory, ...]:
+        """One timing for all arms: proved clear of everything and of each other, within torques, the chain hardly strained."""
+        trajectory = retime(path, tool_speed=tool_speed)
+        proof = prove_team_motion(team, trajectory, floor=TRACKING_ROOM)
+        if not proof.proved:
+            self.fail("COLLISION", f"{what}: the timed motion is not clear: {proof.reason}")
+        stretch = float(team.stretch(trajectory.q).max())
+        if stretch > strain:
+            self.fail(
+                "STRAIN",
+                f"{what}: the hands would be {1e3 * stretch:.2f} mm apart from where they hold the {team.thing}. "
+                "Plan with a finer spacing.",
+            )
+        parts = team.split(trajectory)
+        for part in parts:
+            held = (team.thing, team.grasps[part.robot_name].inverse())
+            share = 1.0 / len(parts)
+            self._check_torques(ChainDynamics(self.scene, part.robot_name, held, share), part, held, what)
+        self.say(
+            f"{what}: {trajectory.duration:.2f} s for {len(parts)} arms together, proved {1e3 * TRACKING_ROOM:.0f} mm clear or "
+            f"more, the closed chain strained by at most {1e3 * stretch:.3f} mm"
+        )
+        return parts
+
+    def _check_torques(
+        self, dynamics: ChainDynamics, motion: Trajectory, held: tuple[str, Pose] | None, what: str
+    ) -> TorqueUse:
+        """The motion's torques; where they exceed a limit the task ends, and a load that can't even be held is named."""
+        use = dynamics.use(motion)
+        if use.kept:
+            return use
+        sentence = f"{what}: joint {use.joint} would need {float(use.share.max()):.0%} of its effort limit"
+        if held is not None:
+            rest = dynamics.use(stationary(motion.robot_name, motion.q[use.worst], 0.02))
+            mass = sum(self.scene.model.body_mass[b] for b in self.scene.object(held[0]).body_ids)
+            if not rest.kept:
+                self.fail(
+                    "TORQUE",
+                    f"{sentence}: {held[0]}, {mass:.1f} kg, is too heavy to be held there even at rest.",
+                )
+            sentence += f" with {held[0]}, {mass:.1f} kg, in the hand"
+        self.fail("TORQUE", f"{sentence}. Move slower.")
 
     def log_world(self, world: PlanningWorld) -> None:
         """Sphere cover and free space into the recording, their numbers into the story."""

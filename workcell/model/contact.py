@@ -5,6 +5,7 @@ Deep penetration is measured poorly by MuJoCo for some pairs of shapes: trust th
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -82,6 +83,17 @@ class CollisionModel:
         self._reach = self._pad[self._pairs].sum(axis=1)
         self._fromto = np.zeros(6)
         self._pair_links = self._links_of(self._pairs)
+
+    def ignoring(self, bodies: Iterable[str]) -> CollisionModel:
+        """The same model without the pairs that some bodies (names) belong to."""
+        skip = {self._model.body(name).id for name in bodies}
+        body_of = self._model.geom_bodyid
+        kept = [int(body_of[a]) not in skip and int(body_of[b]) not in skip for a, b in self._pairs]
+        smaller = copy.copy(self)
+        smaller._pairs = self._pairs[np.array(kept, dtype=bool)]
+        smaller._reach = self._reach[np.array(kept, dtype=bool)]
+        smaller._pair_links = self._links_of(smaller._pairs)
+        return smaller
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from workcell.geometry.pieces import scene_obstacles
 from workcell.geometry.spheres import attached_cover, merge_covers
 from workcell.geometry.types import FreeSpace, Piece, SphereCover
 from workcell.ik.problem import Clearance, IKProblem, Tolerances
+from workcell.ik.why_not import obstacle_name
 from workcell.model.contact import CollisionModel
 from workcell.model.grip import fingers_at, fingers_holding, hand_clearance
 from workcell.model.robot import Robot
@@ -130,6 +131,20 @@ class PlanningWorld:
             ),
         )
 
+    def without(self, robots: Iterable[str]) -> PlanningWorld:
+        """The same world as if some other robots were not there: for arms whose motions are proved together.
+
+        Raises:
+            UnknownNameError: no such robot.
+        """
+        others = frozenset[int]().union(*(self.scene.robot(name).body_ids for name in robots))
+        names = {self.scene.model.body(body).name for body in others}
+        return replace(
+            self,
+            obstacles=tuple(piece for piece in self.obstacles if piece.body not in names),
+            collision=self.collision.ignoring(names),
+        )
+
     def close_to(self, geoms: Iterable[str]) -> PlanningWorld:
         """The same world for a motion that comes closer to some geoms than the robot's spheres allow.
 
@@ -146,6 +161,23 @@ class PlanningWorld:
 
     def _is_carried(self, geom: str) -> bool:
         return self.attached is not None and geom.startswith(f"{self.attached[0]}/")
+
+    def relaxed(self, problem: IKProblem, names: Collection[str]) -> IKProblem:
+        """A question of this world with some obstacles (`obstacle_name`) out of the way, for all who judge it."""
+        model = self.scene.model
+        bodies = [name for name in names if name in {model.body(b).name for b in range(model.nbody)}]
+        alone = [name for name in names if name not in bodies]
+        mine = [g for g in range(model.ngeom) if int(model.geom_bodyid[g]) in self.robot.body_ids]
+        collision = CollisionModel(
+            self.scene,
+            self.robot.name,
+            attached=self.attached,
+            ignored=bodies,
+            allowed_geoms=[(g, model.geom(name).id) for g in mine for name in alone],
+        )
+        kept = tuple(piece for piece in problem.obstacles if obstacle_name(piece) not in names)
+        world = replace(self, obstacles=kept, collision=collision)
+        return replace(problem, obstacles=kept, checker=world.clearance, inner=world._inside, free_space=None)
 
     def problem(self, target: Pose, *, q_reference: Array | None = None, margin: float = 0.0) -> IKProblem:
         """The question: bring the tool to `target`, at least `margin` metres clear of everything."""

@@ -1,0 +1,63 @@
+"""Several robots of a scene as one kinematic tree: their joints side by side, the world as their common base."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from workcell.errors import InputError
+from workcell.model.robot import Robot
+from workcell.model.scene import SceneRobot
+from workcell.pose import Pose
+
+
+def joined_robot(robots: Sequence[SceneRobot]) -> Robot:
+    """One robot out of several: limits, paths and timing treat them together.
+
+    Names of joints, links and tools get the robot's name in front, as in `left/joint1`; the default tool is the first
+    robot's.
+
+    Raises:
+        InputError: no robot.
+    """
+    if not robots:
+        raise InputError("there is no robot to join", where="robots")
+    parents, xyz, rotation, links, tools = [], [], [], ["world"], {}
+    for robot, part in zip(robots, columns(robots), strict=True):
+        chain, first = robot.robot, part.start
+        for k in range(chain.dof):
+            root = chain.parents[k] == 0
+            T = Pose.from_rotation(chain.joint_xyz[k], chain.joint_rotation[k])
+            T = chain.T_world_base @ T if root else T
+            parents.append(0 if root else first + int(chain.parents[k]))
+            xyz.append(T.position)
+            rotation.append(T.rotation)
+            links.append(f"{robot.name}/{chain.link_names[k + 1]}")
+        for tool in chain.tools.values():
+            if tool.link > 0:
+                name = f"{robot.name}/{tool.name}"
+                tools[name] = replace(tool, name=name, link=first + tool.link)
+    chains = [robot.robot for robot in robots]
+    side_by_side = {
+        name: np.concatenate([getattr(chain, name) for chain in chains])
+        for name in ("axis", "prismatic", "lower", "upper", "velocity", "acceleration", "effort", "home")
+    }
+    return Robot(
+        name="+".join(robot.name for robot in robots),
+        joint_names=tuple(f"{robot.name}/{joint}" for robot in robots for joint in robot.robot.joint_names),
+        link_names=tuple(links),
+        parents=np.array(parents),
+        joint_xyz=np.array(xyz),
+        joint_rotation=np.array(rotation),
+        tools=tools,
+        default_tool=f"{robots[0].name}/{robots[0].robot.default_tool}",
+        **side_by_side,
+    )
+
+
+def columns(robots: Sequence[SceneRobot]) -> list[slice]:
+    """Where each robot's joints stand in the joined robot's configurations."""
+    ends = np.cumsum([0, *(robot.robot.dof for robot in robots)])
+    return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]

@@ -18,6 +18,7 @@ from workcell.ik.exact import ExactDistances, ExactKinematics, smallest_clearanc
 from workcell.ik.hjcdik import solve_hjcd
 from workcell.ik.problem import Budget, Clearance, IKProblem, Tolerances
 from workcell.ik.refine import refine
+from workcell.ik.solve import solve
 from workcell.ik.verify import verify
 from workcell.model.robot import Tool
 from workcell.pose import Pose
@@ -199,3 +200,26 @@ def test_a_tool_that_does_not_sit_at_the_end():
 def test_importing_the_solver_does_not_import_numba():
     code = "import sys, workcell.ik.hjcdik, workcell.ik.refine; sys.exit('numba' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_budget_of_restarts():
+    robot = seven()
+    target = robot.fk(np.array([0.4, 0.7, 0.3, -1.1, 0.2, 0.8, 0.1]))
+    wall = box("wall", tuple(target.position), (0.2, 0.2, 0.2))
+    blocked = IKProblem(robot, target, (wall,), beads(robot))
+    far = IKProblem(robot, Pose.from_xyz([3.0, 0, 0]))
+    for most in (1, 16, 37):
+        for problem in (blocked, far):
+            candidate = solve_hjcd(problem, Budget(60.0, iterations=most), 0)
+            assert candidate.q is None
+            assert candidate.stats["restarts"] == most
+    with pytest.raises(InputError, match="iterations"):
+        Budget(iterations=0)
+
+
+def test_a_budget_of_restarts_for_the_portfolio():
+    robot = seven()
+    problem = hugged(robot, beads(robot), np.random.default_rng(5))
+    results = [solve(problem, budget=Budget(60.0, iterations=500), seed=3) for _ in range(2)]
+    assert results[0].solver == "hjcd"
+    assert np.array_equal(results[0].q, results[1].q)

@@ -76,7 +76,7 @@ def prepare(refinement: bool = False) -> None:
 
 
 def solve_hjcd(problem: IKProblem, budget: Budget, seed: int = 0) -> Candidate:
-    """Look for a configuration until the budget (CPU seconds of this process) is spent.
+    """Look for a configuration until the budget is spent: CPU seconds of this process, or random restarts.
 
     The first start is `q_reference` where there is one; `max_step` narrows the joint limits. Deterministic for a seed,
     as far as the budget reaches. Compilation is not charged. `stats["exhausted"]` is 1 where the search ended early because every restart of a long
@@ -87,8 +87,8 @@ def solve_hjcd(problem: IKProblem, budget: Budget, seed: int = 0) -> Candidate:
     prepare(refinement=problem.robot.dof >= MANY_JOINTS)
     deadline = time.process_time() + budget.cpu_s
     if has_collisions(problem) or problem.checker is not None or problem.max_link_rotation is not None:
-        return _Search(problem, seed).run(deadline)
-    return _solve_free(problem, deadline, seed)
+        return _Search(problem, seed).run(deadline, budget.iterations)
+    return _solve_free(problem, deadline, budget.iterations, seed)
 
 
 def collect_solutions(
@@ -121,7 +121,7 @@ def enough(problem: IKProblem) -> float:
     return 0.2 * min(problem.tolerances.position, 0.3 * problem.tolerances.rotation)
 
 
-def _solve_free(problem: IKProblem, deadline: float, seed: int) -> Candidate:
+def _solve_free(problem: IKProblem, deadline: float, most: int | None, seed: int) -> Candidate:
     """Restart until the pose is reached; nothing to collide with."""
     arm, n = narrowed_arm(problem), problem.robot.dof
     poses, q, cost = target_row(problem)[None], np.empty((1, n)), np.empty(1)
@@ -129,11 +129,12 @@ def _solve_free(problem: IKProblem, deadline: float, seed: int) -> Candidate:
     random, accepted = random_state(seed), enough(problem) ** 2
     restarts, best = 0, np.inf
     while True:
-        restarts += kernels().solve_targets(arm, poses, first, ACCURACY, 100, random, q, cost)
+        chunk = 100 if most is None else min(100, most - restarts)
+        restarts += kernels().solve_targets(arm, poses, first, ACCURACY, chunk, random, q, cost)
         if cost[0] <= accepted:
             return Candidate(q=q[0], stats={"restarts": float(restarts), "residual_m": float(cost[0]) ** 0.5})
         best = min(best, float(cost[0]))
-        if time.process_time() > deadline:
+        if time.process_time() > deadline or restarts == most:
             return Candidate(stats={"restarts": float(restarts)}, rejected=(_unreached(restarts, best),))
 
 
@@ -165,15 +166,18 @@ class _Search:
         bounds = self._arm.bounds
         return np.clip(starts, bounds[0], bounds[1])
 
-    def run(self, deadline: float) -> Candidate:
-        """Search until a configuration is found, the search is exhausted or the time is over."""
+    def run(self, deadline: float, most: int | None = None) -> Candidate:
+        """Search until a configuration is found, the search is exhausted, or `most` restarts are made or the time is over."""
         lanes, exhausted = list(self._lanes), False
-        q = np.empty(self.problem.robot.dof)
-        while lanes:
+        q, done, chunk = np.empty(self.problem.robot.dof), 0, RESTARTS
+        while lanes and done != most:
+            if most is not None:
+                chunk = min(RESTARTS, most - done)
+            done += chunk
             for lane in list(lanes):
                 world, memory = lane
                 status = kernels().search(
-                    self._arm, world, self._pose, self._first, ACCURACY, enough(self.problem), RESTARTS, memory, q
+                    self._arm, world, self._pose, self._first, ACCURACY, enough(self.problem), chunk, memory, q
                 )  # fmt: skip
                 if status == kernels().FOUND and self._passes(q):
                     return self._candidate(q, exhausted=False)

@@ -45,7 +45,9 @@ def solve_multistart(problem: IKProblem, budget: Budget, seed: int = 0) -> Candi
     visits the same configurations in the same order.
     """
     search = _Search(problem, seed)
-    q = search.run(time.process_time() + budget.cpu_s) if budget.cpu_s > 0 else None
+    q = None
+    if budget.cpu_s > 0:
+        q = search.run(time.process_time() + budget.cpu_s, budget.iterations or np.inf)
     stats = {"iterations": float(search.iterations), "starts": float(search.starts)}
     return Candidate(q=q, stats=stats, rejected=search.near_misses())
 
@@ -116,8 +118,8 @@ class _Search:
         """Why the best lanes that gave up are no solutions, nearest first."""
         return tuple(sorted(self._misses, key=self._misses.__getitem__)[:NEAR_MISSES])
 
-    def run(self, deadline: float) -> Array | None:
-        """The first configuration that the judge accepts, or None at the deadline."""
+    def run(self, deadline: float, most: float = np.inf) -> Array | None:
+        """The first configuration that the judge accepts, or None at the deadline, or when `most` starts came to nothing."""
         lanes: _Lanes = self._evaluate(self._fresh(LANES, first=True))
         damping = np.full(LANES, 1e-2)
         age, milestone = np.zeros(LANES, dtype=int), lanes.cost.copy()
@@ -131,7 +133,7 @@ class _Search:
                 if found is not None:
                     return found
                 self._note_misses(lanes, stuck)
-            if time.process_time() > deadline:
+            if time.process_time() > deadline or self.starts - LANES >= most:
                 return None
             passed = (age >= PATIENCE) & ~stuck
             milestone[passed], age[passed] = lanes.cost[passed], 0

@@ -35,13 +35,18 @@ class Tolerances:
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """How much a solver may spend on one problem: CPU seconds (of the process), or fewer; and on how many threads.
+    """How much a solver may spend on one problem.
 
-    Branch and bound makes use of several threads; the other solvers work on one.
+    Attributes:
+        cpu_s: seconds of the process's CPU time, or fewer.
+        threads: branch and bound makes use of several; the other solvers work on one.
+        iterations: random starts that a sampling solver may make in a turn; None: as many as there is time for. With it, and
+            time enough, what sampling finds is the same on every machine.
     """
 
     cpu_s: float = 5.0
     threads: int = 1
+    iterations: int | None = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.cpu_s) and self.cpu_s >= 0):
@@ -51,6 +56,11 @@ class Budget:
         if isinstance(self.threads, bool) or not isinstance(self.threads, int) or self.threads < 1:
             raise InputError(
                 f"{self.threads!r} threads make no sense", where="budget", remedy="a whole number >= 1"
+            )
+        most = self.iterations
+        if most is not None and (isinstance(most, bool) or not isinstance(most, int) or most < 1):
+            raise InputError(
+                f"{most!r} iterations make no sense", where="budget", remedy="a whole number >= 1, or None"
             )
 
 

@@ -164,7 +164,7 @@ def solve(problem: IKProblem, solver: str = AUTO, budget: Budget | None = None, 
         problem: the question.
         solver: `auto` (elementary proofs, sampling, branch and bound, the convex method), or one solver by name.
         budget: CPU seconds of this process; default `Budget()`. Zero: NOT_FOUND at once.
-        seed: same problem, solver and seed, same answer, as far as the budget reaches.
+        seed: same problem, solver and seed, same answer, as far as the budget reaches (see `Budget.iterations`).
 
     Returns:
         `SOLVED` only with a configuration that `verify` accepted, a "no" only with a certificate that
@@ -210,7 +210,9 @@ class _Portfolio:
             return self._result(Status.NOT_FOUND, self.name)
         completed = 0
         for order, stage in enumerate(stages):
-            left = min(stage.share * self.budget.cpu_s - self._spent(), stage.seconds)
+            left = stage.share * self.budget.cpu_s - self._spent()
+            if self.budget.iterations is None or stage.name != "hjcd":
+                left = min(left, stage.seconds)
             if (stage.seconds > 0 and left <= 0) or self._is_futile(stage):
                 continue
             budget = replace(self.budget, cpu_s=max(left, 0.0))

@@ -53,29 +53,29 @@ def _set_files(sets: Path | None) -> list[Path]:
 class _FileRows:
     """The rows of set files, for several processes: a line is one file, solved by one solver with one seed."""
 
-    files: tuple[Path, ...]
+    runs: tuple[tuple[Path, str, int], ...]
     n: int
-    seeds: tuple[int, ...]
 
     def __len__(self) -> int:
-        return len(self.files) * len(SOLVERS) * len(self.seeds)
+        return len(self.runs)
 
     def line(self, index: int) -> Row:
         """One row; none of a file without problems."""
-        rest, turn = divmod(index, len(self.seeds))
-        file, which = divmod(rest, len(SOLVERS))
-        rows = _rows(load_problem_set(self.files[file]), (SOLVERS[which],), self.n, self.seeds[turn])
-        return {"rows": rows}
+        file, solver, seed = self.runs[index]
+        return {"rows": _rows(load_problem_set(file), (solver,), self.n, seed)}
 
 
 def _file_rows(n: int, seed: int, sets: Path | None, seeds: int = 1, jobs: int = 1) -> list[Row]:
-    """Two rows a file. Of several seeds the smallest rates and the largest times are reported."""
+    """Two rows a file. Of several seeds the smallest rates and the largest times are reported; the baseline, which spends
+    its whole budget on everything that is impossible, runs once."""
     for file in (files := _set_files(sets)):
         load_problem_set(file)  # what is wrong in one is said before hours of work
-    task = _FileRows(tuple(files), n, tuple(range(seed, seed + seeds)))
-    lines = [line["rows"] for line in run_lines(task, jobs)]
-    turns = [lines[k : k + seeds] for k in range(0, len(lines), seeds)]
-    return [worst_row([rows[0] for rows in turn]) for turn in turns if turn[0]]
+    turns = {"auto": range(seed, seed + seeds), "multistart": range(seed, seed + 1)}
+    runs = tuple((file, solver, each) for file in files for solver in SOLVERS for each in turns[solver])
+    made: dict[tuple[Path, str], list[Row]] = {}
+    for run, line in zip(runs, run_lines(_FileRows(runs, n), jobs), strict=True):
+        made.setdefault(run[:2], []).extend(line["rows"])
+    return [worst_row(rows) for rows in made.values() if rows]
 
 
 def worst_row(rows: Sequence[Row]) -> Row:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from workcell.errors import InputError
 from workcell.model.scene import Scene, SceneRobot
@@ -29,11 +30,13 @@ class TorqueUse:
         peak: (n,) newton metres (newtons for a prismatic joint).
         share: (n,) of the effort limit; 0 where the limit is unknown.
         joint: name of the joint that uses the largest share.
+        worst: index of the sample of the motion at which it does.
     """
 
     peak: Array
     share: Array
     joint: str
+    worst: int
 
     @property
     def kept(self) -> bool:
@@ -48,10 +51,15 @@ class ChainDynamics:
         scene: the scene.
         robot: the robot's name; None: the only one.
         attached: (object name, T_tool_object) that the hand carries.
+        share: of its mass and inertia that this robot carries; several hands that hold one thing share it.
     """
 
     def __init__(
-        self, scene: Scene, robot: str | None = None, attached: tuple[str, Pose] | None = None
+        self,
+        scene: Scene,
+        robot: str | None = None,
+        attached: tuple[str, Pose] | None = None,
+        share: float = 1.0,
     ) -> None:
         import pinocchio
 
@@ -61,17 +69,17 @@ class ChainDynamics:
         self._armature, self._damping = scene.model.dof_armature[dofs], scene.model.dof_damping[dofs]
         self._model = pinocchio.Model()
         self._model.gravity.linear = np.array(scene.model.opt.gravity)
-        self._build(scene, attached)
+        self._build(scene, attached, share)
         self._data = self._model.createData()
 
-    def _build(self, scene: Scene, attached: tuple[str, Pose] | None) -> None:
+    def _build(self, scene: Scene, attached: tuple[str, Pose] | None, share: float) -> None:
         pin, chain = self._pin, self.robot.robot
         inertias = link_inertias(scene, self.robot)
         if attached is not None:
             tool = chain.tool()
             parts = body_inertias(scene, scene.object(attached[0]).body_ids)
             frame = tool.T_link_tool @ attached[1] @ scene_object_pose(scene, attached[0]).inverse()
-            inertias[tool.link] += [(mass, frame @ T, moments) for mass, T, moments in parts]
+            inertias[tool.link] += [(share * mass, frame @ T, share * moments) for mass, T, moments in parts]
         base = chain.T_world_base
         parent, placement = 0, pin.SE3(base.rotation, base.position)
         for k in range(chain.dof):
@@ -94,12 +102,18 @@ class ChainDynamics:
                 f"the trajectory moves {trajectory.q.shape[1]} joints, {self.robot.name} has {self.robot.robot.dof}",
                 where="trajectory",
             )
-        rows = [
-            self._pin.rnea(self._model, self._data, q, qd, qdd).copy()
-            for q, qd, qdd in zip(trajectory.q, trajectory.qd, trajectory.qdd, strict=True)
-        ]
-        total: Array = np.array(rows) + self._armature * trajectory.qdd + self._damping * trajectory.qd
+        return self.at(trajectory.q, trajectory.qd, trajectory.qdd)
+
+    def at(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """The same for rows of positions, velocities and accelerations (T, n) each."""
+        rows = [self._pin.rnea(self._model, self._data, *row).copy() for row in zip(q, qd, qdd, strict=True)]
+        total: Array = np.array(rows) + self._armature * qdd + self._damping * qd
         return total
+
+    @property
+    def damping(self) -> Array:
+        """(n,) viscous damping of the joints, newton metre seconds a radian."""
+        return np.array(self._damping)
 
     def use(self, trajectory: Trajectory, every: int = 5) -> TorqueUse:
         """Peak torques at every `every`-th sample against the robot's effort limits."""
@@ -110,9 +124,85 @@ class ChainDynamics:
             trajectory.qd[::every],
             trajectory.qdd[::every],
         )
-        peak: Array = np.abs(self.torques(thinned)).max(axis=0)
-        share: Array = np.where(np.isfinite(self.robot.robot.effort), peak / self.robot.robot.effort, 0.0)
-        return TorqueUse(peak, share, self.robot.robot.joint_names[int(np.argmax(share))])
+        torques = np.abs(self.torques(thinned))
+        shares = np.where(np.isfinite(self.robot.robot.effort), torques / self.robot.robot.effort, 0.0)
+        sample, joint = np.unravel_index(int(np.argmax(shares)), shares.shape)
+        name = self.robot.robot.joint_names[int(joint)]
+        return TorqueUse(torques.max(axis=0), shares.max(axis=0), name, every * int(sample))
+
+
+@dataclass(frozen=True, slots=True)
+class TorqueLimits:
+    """Largest absolute joint torques, as bounds on the speed and acceleration along a path.
+
+    Attributes:
+        dynamics: of the robot and what it carries.
+        effort: (n,) newton metres (newtons), positive; inf where unknown.
+    """
+
+    dynamics: ChainDynamics
+    effort: Array
+
+    @staticmethod
+    def of(dynamics: ChainDynamics, effort: ArrayLike | None = None) -> TorqueLimits:
+        """The given limits (a number, or one for each joint), or the robot's own.
+
+        Raises:
+            InputError: a limit that is zero, negative or NaN.
+        """
+        robot = dynamics.robot.robot
+        values = np.broadcast_to(np.asarray(robot.effort if effort is None else effort, float), (robot.dof,))
+        bad = np.isnan(values) | (values <= 0)
+        if np.any(bad):
+            joint = int(np.argmax(bad))
+            raise InputError(
+                f"the effort limit of {robot.joint_names[joint]} is {values[joint]}",
+                where="effort",
+                remedy="pass positive limits: one number, or one for each joint",
+            )
+        return TorqueLimits(dynamics, np.array(values))
+
+    def along(self, q: Array, first: Array, second: Array, cap: Array) -> tuple[Array, Array, Array, Array]:
+        """Rows `low <= a sdd + b sd^2 <= high` (g, m), for joints with a limit, where the path has q, dq/ds and d2q/ds2.
+
+        What it takes to hold still, and damping at the largest speed (its square is `cap`), is taken off the limits.
+
+        Raises:
+            InputError: a joint can't hold the arm still somewhere.
+        """
+        zero = np.zeros_like(q)
+        still = self.dynamics.at(q, zero, zero)
+        damped = self.dynamics.damping * np.abs(first) * np.sqrt(np.minimum(cap, 1e12))[:, None]
+        self._check(still)
+        a = self.dynamics.at(q, zero, first) - still
+        b = self.dynamics.at(q, first, second) - still - self.dynamics.damping * first
+        room = np.maximum(self.effort - np.abs(still) - damped, 1e-3 * (self.effort - np.abs(still)))
+        high = np.where(still >= 0, room, room + 2 * np.abs(still))
+        low = np.where(still >= 0, -room - 2 * np.abs(still), -room)
+        limited = np.isfinite(self.effort)
+        return a[:, limited], b[:, limited], low[:, limited], high[:, limited]
+
+    def share(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """(T,) the largest share, over the joints, of the torque that holding still leaves for moving."""
+        zero = np.zeros_like(q)
+        still = self.dynamics.at(q, zero, zero)
+        self._check(still)
+        moving = self.dynamics.at(q, qd, qdd) - still
+        left = np.where(moving >= 0, self.effort - still, self.effort + still)
+        shares: Array = np.where(np.isfinite(self.effort), np.abs(moving) / left, 0.0).max(axis=1)
+        return shares
+
+    def _check(self, still: Array) -> None:
+        over = np.abs(still) >= self.effort
+        if np.any(over):
+            row, joint = (int(i) for i in np.argwhere(over)[0])
+            robot = self.dynamics.robot.robot
+            raise InputError(
+                f"joint {robot.joint_names[joint]} needs {abs(still[row, joint]):.1f} N m to hold still on the path, and "
+                f"has {self.effort[joint]:.1f}",
+                where="path",
+                remedy="carry less, or keep the load closer to the base",
+            )
 
 
 Inertia = tuple[float, Pose, Array]

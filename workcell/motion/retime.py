@@ -1,4 +1,4 @@
-"""Timing of a path: smooth motion, at rest at both ends, within velocity and acceleration limits.
+"""Timing of a path: smooth motion, at rest at both ends, within limits on velocity, acceleration and torque.
 
 Three steps. A C2 cubic spline through the waypoints over their joint-space chord length s (`workcell.motion.spline`). The
 fastest s(t) under the limits (`workcell.motion.timing`). A moving average of s(t), which keeps the geometry and makes the
@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike
 
 from workcell.errors import InputError
 from workcell.model.robot import Robot
+from workcell.motion.dynamics import ChainDynamics, TorqueLimits
 from workcell.motion.path import Path, Trajectory
 from workcell.motion.spline import JointSpline, spline_within_limits
-from workcell.motion.timing import Timing, fastest_squared_speed, phase_grid
+from workcell.motion.timing import PhaseRows, Timing, fastest_squared_speed, phase_grid
 from workcell.pose import Array
 
 _DENSE = 5
@@ -26,6 +27,8 @@ _HEADROOM = 1.0005
 """Left for what lies between two dense evaluations."""
 _ROUNDS, _CLOSE = 6, 1.02
 """Rounds in which places that exceed a limit after averaging get less of it, and the excess that ends them."""
+_DAMPING_PASSES, _FASTER = 3, 1.2
+"""Passes that look for the speeds at which damping acts, and the factor on squared speeds from one to the next."""
 _SMALLEST = 1e-12
 
 
@@ -52,6 +55,8 @@ def retime(
     acceleration: ArrayLike | None = None,
     *,
     tool_speed: float | None = None,
+    dynamics: ChainDynamics | None = None,
+    effort: ArrayLike | None = None,
     dt: float = 0.002,
     smoothing_s: float = 0.06,
     support: float = 0.02,
@@ -63,6 +68,8 @@ def retime(
         path: waypoints; the motion passes through each of them (by a hair inside, at a joint limit).
         velocity, acceleration: (n,) or scalar largest absolute values; None: the robot's own.
         tool_speed: largest speed of the tool, metres a second; None: no bound.
+        dynamics: of the robot and what it carries: joint torques keep their limits as well; None: no bound on torques.
+        effort: (n,) or scalar largest absolute torques; None: the robot's own.
         dt: seconds between samples.
         smoothing_s: width of the moving average over s(t); the acceleration changes over this time.
         support: joint-space distance (radians) from a sharp corner to the first of the extra spline points that hold
@@ -71,7 +78,8 @@ def retime(
 
     Raises:
         InputError: a limit that is zero, negative, NaN or (for the acceleration) infinite; a path that does not move,
-            or that runs so close to a joint limit that no smooth motion through it keeps the limit.
+            or that runs so close to a joint limit that no smooth motion through it keeps the limit; torques that
+            don't suffice to hold the arm (and what it carries) still somewhere on the path.
     """
     robot = path.robot
     v_max, a_max = motion_limits(robot, velocity, acceleration)
@@ -80,8 +88,10 @@ def retime(
             f"the tool's speed limit is {tool_speed}", where="tool_speed", remedy="a positive number"
         )
     spline = spline_within_limits(path, support)
-    timing = _timing(robot, spline, v_max, a_max, tool_speed, smoothing_s, dt, grid)
-    slower = _HEADROOM * _slowdown(robot, spline, timing.sample(dt / _DENSE), v_max, a_max, tool_speed)
+    torques = None if dynamics is None else TorqueLimits.of(dynamics, effort)
+    bounds = _Bounds(robot, spline, v_max, a_max, tool_speed, torques)
+    timing = _timing(bounds, smoothing_s, dt, grid)
+    slower = _HEADROOM * _slowdown(bounds, timing, dt)
     steps = int(np.ceil(timing.duration * slower / dt - 1e-9))
     slower = steps * dt / timing.duration
     time: Array = dt * np.arange(steps + 1, dtype=float)
@@ -90,25 +100,48 @@ def retime(
     return Trajectory(robot.name, time, q, qd, qdd)
 
 
-def _timing(
-    robot: Robot,
-    spline: JointSpline,
-    v_max: Array,
-    a_max: Array,
-    tool_speed: float | None,
-    smoothing_s: float,
-    dt: float,
-    grid: int,
-) -> Timing:
+@dataclass(frozen=True, slots=True)
+class _Bounds:
+    """What a motion along a spline must keep."""
+
+    robot: Robot
+    spline: JointSpline
+    v_max: Array
+    a_max: Array
+    tool_speed: float | None
+    torques: TorqueLimits | None
+
+    def rows(self, s: Array, cap: Array) -> PhaseRows:
+        """Accelerations and torques at path positions s (g,), where sd^2 stays below `cap`."""
+        q, first, second = self.spline.derivatives(s)
+        high = np.broadcast_to(self.a_max, first.shape)
+        rows = PhaseRows(first, second, -high, high)
+        if self.torques is None:
+            return rows
+        return rows.with_rows(PhaseRows(*self.torques.along(q, first, second, cap)))
+
+    def use(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """(T,) the largest share of an acceleration limit, or of the torque that holding still leaves."""
+        use: Array = (np.abs(qdd) / self.a_max).max(axis=1)
+        return use if self.torques is None else np.maximum(use, self.torques.share(q, qd, qdd))
+
+
+def _timing(bounds: _Bounds, smoothing_s: float, dt: float, grid: int) -> Timing:
     """The fastest s(t), smoothed; where smoothing makes it exceed a limit, the search is repeated with less of it."""
-    s = phase_grid(spline, grid)
-    q, first, second = spline.derivatives(s)
-    cap = _speed_cap(robot, q, first, v_max, tool_speed)
-    share = np.ones(len(s))
+    s = phase_grid(bounds.spline, grid)
+    q, first, _ = bounds.spline.derivatives(s)
+    cap = _speed_cap(bounds.robot, q, first, bounds.v_max, bounds.tool_speed)
+    expected = cap
+    if bounds.torques is not None:
+        # damping is taken off the torques at the speed that the motion really has, found in a few passes
+        for _ in range(_DAMPING_PASSES):
+            x = fastest_squared_speed(s, bounds.rows(s, expected), cap)
+            expected = np.minimum(cap, _FASTER * x)
+    rows, share = bounds.rows(s, expected), np.ones(len(s))
     for _ in range(_ROUNDS):
-        x = fastest_squared_speed(s, first, second, cap, share[:, None] * a_max)
+        x = fastest_squared_speed(s, rows.scaled(share), cap)
         timing = Timing.along(s, x, smoothing_s)
-        excess = _excess(spline, timing, a_max, dt)
+        excess = _excess(bounds, timing, dt)
         if excess.max() <= _CLOSE:
             break
         share /= excess
@@ -128,10 +161,9 @@ def _tool_speed(robot: Robot, q: Array, qd: Array) -> Array:
     return speed
 
 
-def _excess(spline: JointSpline, timing: Timing, a_max: Array, dt: float) -> Array:
-    """By what factor, at least 1, the averaged motion exceeds an acceleration limit near each grid point."""
-    dense = timing.sample(dt)
-    use = (np.abs(spline.motion(*dense)[2]) / a_max).max(axis=1)
+def _excess(bounds: _Bounds, timing: Timing, dt: float) -> Array:
+    """By what factor, at least 1, the averaged motion exceeds a limit on acceleration or torque near each grid point."""
+    use = bounds.use(*bounds.spline.motion(*timing.sample(dt)))
     time = np.linspace(0.0, timing.duration, len(use))
     first = np.searchsorted(time, timing.time - dt)
     last = np.searchsorted(time, timing.time + timing.window + dt)
@@ -140,20 +172,21 @@ def _excess(spline: JointSpline, timing: Timing, a_max: Array, dt: float) -> Arr
     return excess
 
 
-def _slowdown(
-    robot: Robot,
-    spline: JointSpline,
-    timing: tuple[Array, Array, Array],
-    v_max: Array,
-    a_max: Array,
-    tool_speed: float | None,
-) -> float:
+def _slowdown(bounds: _Bounds, timing: Timing, dt: float) -> float:
     """The factor by which a motion must be slowed down, so that no limit is exceeded at any of its samples."""
-    q, qd, qdd = spline.motion(*timing)
-    use = _limit_use(qd, qdd, v_max, a_max)
-    factor = max(1.0, float(use.velocity.max()), float(np.sqrt(use.acceleration.max())))
-    if tool_speed is not None:
-        factor = max(factor, float(_tool_speed(robot, q[::_DENSE], qd[::_DENSE]).max()) / tool_speed)
+    s, sd, sdd = timing.sample(dt / _DENSE)
+    q, qd, _ = bounds.spline.motion(s, sd, sdd)
+    factor = max(1.0, float((np.abs(qd) / bounds.v_max).max()))
+    if bounds.tool_speed is not None:
+        factor = max(
+            factor, float(_tool_speed(bounds.robot, q[::_DENSE], qd[::_DENSE]).max()) / bounds.tool_speed
+        )
+    # accelerations fall with the square; torques against viscous damping fall more slowly, hence the rounds
+    for _ in range(_ROUNDS):
+        worst = float(bounds.use(*bounds.spline.motion(s, sd / factor, sdd / factor**2)).max())
+        if worst <= 1.0:
+            break
+        factor *= float(np.sqrt(worst)) * (1.0 + 1e-9)
     return factor
 
 

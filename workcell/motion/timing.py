@@ -1,7 +1,7 @@
 """The fastest motion along a curve: one backward and one forward pass over the phase plane (sd^2 over s), then averaged.
 
 The passes are the controllable sets of TOPP-RA (Pham and Pham, "A new approach to time-optimal path parameterization based
-on reachability analysis", 2018), in closed form for joint velocity and acceleration limits.
+on reachability analysis", 2018), in closed form for limits on velocities, accelerations and torques.
 """
 
 from __future__ import annotations
@@ -81,50 +81,73 @@ class Timing:
         return integral + beyond * self.position[-1], position, speed
 
 
-def fastest_squared_speed(s: Array, first: Array, second: Array, cap: Array, a_max: Array) -> Array:
+@dataclass(frozen=True, slots=True)
+class PhaseRows:
+    """Bounds `low <= first u + second x <= high` on u = sdd and x = sd^2 at each grid point.
+
+    Attributes:
+        first, second, low, high: (g, m), with low < 0 < high: standing still is always allowed.
+    """
+
+    first: Array
+    second: Array
+    low: Array
+    high: Array
+
+    def scaled(self, share: Array) -> PhaseRows:
+        """The same with bounds times `share` (g,)."""
+        return PhaseRows(self.first, self.second, share[:, None] * self.low, share[:, None] * self.high)
+
+    def with_rows(self, other: PhaseRows) -> PhaseRows:
+        """These bounds and others."""
+        pairs = ((getattr(self, name), getattr(other, name)) for name in ("first", "second", "low", "high"))
+        return PhaseRows(*(np.hstack(pair) for pair in pairs))
+
+
+def fastest_squared_speed(s: Array, rows: PhaseRows, cap: Array) -> Array:
     """x = sd^2 at each grid point of the fastest motion that begins and ends at rest.
 
-    All arguments have a row for each grid point. There, with u = sdd: `|first u + second x| <= a_max` and `x <= cap`; from one point to the
-    next `x' = x + 2 ds u`. Backward, the largest x from which the end can still be reached at rest; forward, the
-    largest u that stays below it.
+    At the grid points s (g,) the rows and `x <= cap` hold; from one point to the next `x' = x + 2 ds u`. Backward, the
+    largest x from which the end can still be reached at rest; forward, the largest u that stays below it.
     """
     ds = np.diff(s)
     limit = np.zeros(len(s))
     for i in range(len(s) - 2, -1, -1):
-        limit[i] = _largest_start(first[i], second[i], a_max[i], cap[i], 2 * ds[i], limit[i + 1])
+        limit[i] = _largest_start(rows, i, cap[i], 2 * ds[i], limit[i + 1])
     x = np.zeros(len(s))
     for i in range(len(s) - 1):
-        _, high = _acceleration_range(first[i], second[i], a_max[i], x[i])
-        x[i + 1] = min(max(x[i] + 2 * ds[i] * high, 0.0), limit[i + 1])
+        x[i + 1] = min(max(x[i] + 2 * ds[i] * _largest_acceleration(rows, i, x[i]), 0.0), limit[i + 1])
     return x
 
 
-def _acceleration_range(first: Array, second: Array, a_max: Array, x: float) -> tuple[float, float]:
-    """Smallest and largest u with `|first u + second x| <= a_max` in every joint that moves."""
-    moving = np.abs(first) > _SMALLEST
-    if not moving.any():
-        return -np.inf, np.inf
-    f, c = np.abs(first[moving]), second[moving] * np.sign(first[moving]) * x
-    return float(np.max((-a_max[moving] - c) / f)), float(np.min((a_max[moving] - c) / f))
+def _lines(rows: PhaseRows, i: int) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """For the rows of grid point i that contain u: the slope of u's bounds in x, and the bounds at x = 0."""
+    acting = np.abs(rows.first[i]) > _SMALLEST
+    f = rows.first[i, acting]
+    at_low, at_high = rows.low[i, acting] / f, rows.high[i, acting] / f
+    return -rows.second[i, acting] / f, np.minimum(at_low, at_high), np.maximum(at_low, at_high), acting
 
 
-def _largest_start(
-    first: Array, second: Array, a_max: Array, cap: float, two_ds: float, x_next: float
-) -> float:
+def _largest_acceleration(rows: PhaseRows, i: int, x: float) -> float:
+    """The largest u that the rows of grid point i allow at x."""
+    slope, _, high, _ = _lines(rows, i)
+    return float(np.min(high + slope * x, initial=np.inf))
+
+
+def _largest_start(rows: PhaseRows, i: int, cap: float, two_ds: float, x_next: float) -> float:
     """The largest x <= cap from which some admissible u leads to `x + 2 ds u` in [0, x_next].
 
     Every lower bound `l(x)` on u must stay below every upper bound `h(x)`; both are lines in x, so each pair gives one
-    upper end for x. The way into [0, x_next] gives one more line of each kind.
+    upper end for x. The way into [0, x_next] gives one more line of each kind, and a row without u bounds x alone.
     """
-    moving = np.abs(first) > _SMALLEST
-    f, slope = np.abs(first[moving]), second[moving] * np.sign(first[moving])
-    low_0, low_1 = -a_max[moving] / f, -slope / f
-    high_0, high_1 = a_max[moving] / f, -slope / f
-    low_0, low_1 = np.append(low_0, 0.0), np.append(low_1, -1 / two_ds)
-    high_0, high_1 = np.append(high_0, x_next / two_ds), np.append(high_1, -1 / two_ds)
-    still = ~moving & (np.abs(second) > _SMALLEST)
-    if np.any(still):
-        cap = min(cap, float(np.min(a_max[still] / np.abs(second[still]))))
+    slope, low, high, acting = _lines(rows, i)
+    low_0, low_1 = np.append(low, 0.0), np.append(slope, -1 / two_ds)
+    high_0, high_1 = np.append(high, x_next / two_ds), np.append(slope, -1 / two_ds)
+    second = rows.second[i, ~acting]
+    bending = np.abs(second) > _SMALLEST
+    if np.any(bending):
+        bound = np.where(second > 0, rows.high[i, ~acting], rows.low[i, ~acting])[bending] / second[bending]
+        cap = min(cap, float(bound.min()))
     gap_0 = high_0[None, :] - low_0[:, None]
     gap_1 = high_1[None, :] - low_1[:, None]
     closing = gap_1 < -_SMALLEST

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from workcell.errors import InputError
 from workcell.geometry.self_collision import self_collision_pairs
-from workcell.geometry.types import SphereCover
 from workcell.motion.body import BodyClearance, Upright, pack_body
 from workcell.motion.ends import checked_end
 from workcell.motion.path import Path
@@ -23,6 +23,9 @@ from workcell.motion.proof import prove_path
 from workcell.motion.search import Effort, search
 from workcell.motion.world import PlanningWorld
 from workcell.pose import Array
+
+if TYPE_CHECKING:
+    from workcell.motion.kernels.body import Body
 
 _SAMPLES = 200
 """Configurations that tell which pairs of the cover's spheres always touch."""
@@ -56,34 +59,23 @@ def plan_in_world(
     robot = world.robot.robot
     start, _ = checked_end(robot, q_start, world.clearance, "q_start", upright=upright)
     goals = _clear_goals(world, np.atleast_2d(np.asarray(q_goals, dtype=float)), upright)
-    iterations, evaluations, detail = (
-        0,
-        0,
-        "start or goals are not clear of obstacles in the model of spheres",
-    )
-    for cover, keep in _covers(world.cover, settings):
-        pairs = self_collision_pairs(
-            robot, cover, links=world.collision.self_links, known_free=np.stack([start, *goals]), samples=_SAMPLES, prove=False
-        ).pairs  # fmt: skip
-        body = pack_body(robot, cover, world.obstacles, self_pairs=pairs, upright=upright)
-        clearance = BodyClearance(body, cover, world.obstacles)
-        gap, gaps = float(clearance.many(start[None])[0]), clearance.many(goals)
-        reachable = goals[gaps > 0]
-        if gap <= 0 or len(reachable) == 0:
-            continue
-        body = body._replace(floor=min(keep, 0.5 * gap, 0.5 * float(gaps[gaps > 0].min())))
-        effort = Effort(iterations=settings.attempts * settings.iterations, step=0.5 if upright else 1.0)
-        found = search(body, start, reachable, effort, seed)
-        iterations, evaluations = iterations + found.iterations, evaluations + found.looks
-        if found.path is None:
-            detail = f"the trees did not meet within {found.iterations} samples"
-            continue
-        path = Path(robot, found.path)
-        proof = prove_path(path, world.clearance, world.cover, floor=settings.clearance)
-        evaluations += proof.evaluations
-        if proof.proved:
-            return PlanResult(PlanStatus.PLANNED, path, proof, "", iterations, evaluations)
-        detail = proof.reason
+    iterations, evaluations = 0, 0
+    detail = "start or goals are not clear of obstacles in the model of spheres"
+    models = list(_models(world, start, goals, settings, upright))
+    for share in sorted({1, settings.attempts}):
+        for body, reachable in models:
+            effort = Effort(iterations=share * settings.iterations, step=0.5 if upright else 1.0)
+            found = search(body, start, reachable, effort, seed + share - 1)
+            iterations, evaluations = iterations + found.iterations, evaluations + found.looks
+            if found.path is None:
+                detail = f"the trees did not meet within {found.iterations} samples"
+                continue
+            path = Path(robot, found.path)
+            proof = prove_path(path, world.clearance, world.cover, floor=settings.clearance)
+            evaluations += proof.evaluations
+            if proof.proved:
+                return PlanResult(PlanStatus.PLANNED, path, proof, "", iterations, evaluations)
+            detail = proof.reason
     if upright is not None:
         return PlanResult(PlanStatus.NOT_FOUND, None, None, detail, iterations, evaluations)
     nearest = goals[int(np.argmin(np.abs(goals - start).max(axis=1)))]
@@ -108,13 +100,30 @@ def _clear_goals(world: PlanningWorld, goals: Array, upright: Upright | None) ->
     return np.stack(kept)
 
 
-def _covers(cover: SphereCover, settings: PlanSettings) -> Iterator[tuple[SphereCover, float]]:
-    """The cover, then the same without its overshoot, and the clearance to keep with each."""
-    yield cover, settings.clearance
+def _models(
+    world: PlanningWorld, start: Array, goals: Array, settings: PlanSettings, upright: Upright | None
+) -> Iterator[tuple[Body, Array]]:
+    """The robot as the kernels see it, by its cover and by the cover without its overshoot, and the goals clear there."""
+    robot, cover = world.robot.robot, world.cover
     assert cover.overshoot is not None  # always set by SphereCover
+    choices = [(cover, settings.clearance)]
     if np.any(cover.overshoot > 0):
         radius = np.maximum(cover.radius - cover.overshoot, _SMALLEST)
-        yield (
-            replace(cover, radius=radius, overshoot=np.zeros(len(radius)), kind="given"),
-            settings.clearance + settings.spare,
-        )
+        slim = replace(cover, radius=radius, overshoot=np.zeros(len(radius)), kind="given")
+        choices.append((slim, settings.clearance + settings.spare))
+    for spheres, keep in choices:
+        pairs = self_collision_pairs(
+            robot,
+            spheres,
+            links=world.collision.self_links,
+            known_free=np.stack([start, *goals]),
+            samples=_SAMPLES,
+            prove=False,
+        ).pairs
+        body = pack_body(robot, spheres, world.obstacles, self_pairs=pairs, upright=upright)
+        clearance = BodyClearance(body, spheres, world.obstacles)
+        gap, gaps = float(clearance.many(start[None])[0]), clearance.many(goals)
+        reachable = goals[gaps > 0]
+        if gap > 0 and len(reachable):
+            floor = min(keep, 0.5 * gap, 0.5 * float(gaps[gaps > 0].min()))
+            yield body._replace(floor=floor), reachable

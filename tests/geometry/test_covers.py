@@ -16,6 +16,7 @@ from workcell.geometry.spheres import (
     overshoots,
     robot_cover,
 )
+from workcell.geometry.tighten import tighten
 from workcell.geometry.types import Piece, SphereCover
 from workcell.model.scene import Scene
 from workcell.pose import Pose
@@ -144,3 +145,40 @@ def test_covers_of_different_kinds_are_not_merged() -> None:
     inner = SphereCover(np.array([0]), np.zeros((1, 3)), np.array([0.1]), kind="inner")
     with pytest.raises(InputError, match="inner and outer spheres can't be merged"):
         merge_covers(outer, inner)
+
+
+def _can_with_a_handle():
+    return [
+        Piece("can", "cylinder", Pose.identity(), np.array([0.05, 0.06])),
+        Piece("handle", "capsule", Pose.from_xyz([0.07, 0, 0]), np.array([0.01, 0.03])),
+        Piece("lid", "box", Pose.from_xyz([0, 0, 0.065]), np.array([0.04, 0.04, 0.005])),
+    ]
+
+
+def _robot_link():
+    scene = Scene.load("shelf_grasp")
+    return robot_pieces(scene.model, scene.robot())[4]
+
+
+@pytest.mark.parametrize("make", [_can_with_a_handle, _robot_link])
+def test_any_sphere_shrunk_by_a_millimetre_is_caught(make):
+    pieces = make()
+    centres, radii, _ = cover_pieces(pieces, OVERSHOOT)
+    assert prove_cover(pieces, centres, radii) is None
+    for index in range(len(radii)):
+        smaller = np.where(np.arange(len(radii)) == index, radii - 1e-3, radii)
+        cell = prove_cover(pieces, centres, smaller)
+        assert cell is not None
+        assert cell.piece in {piece.name for piece in pieces}
+        if cell.certain:
+            assert ObstacleArrays(pieces).nearest(cell.centre)[0] <= 1e-9
+            assert (np.linalg.norm(cell.centre - centres, axis=1) > smaller).all()
+
+
+def test_superfluous_spheres_are_dropped_and_the_rest_shrunk():
+    ball = Piece("ball", "sphere", Pose.identity(), np.array([0.1]))
+    centres = np.array([[0.0, 0, 0], [0.02, 0, 0], [0, 0.01, 0]])
+    left, radii = tighten([ball], centres, np.array([0.15, 0.15, 0.15]), resolution=5e-5)
+    assert len(radii) == 1
+    away = np.linalg.norm(left[0])
+    assert radii[0] == pytest.approx(0.1 + away, abs=2e-4) and radii[0] >= 0.1 + away - 1e-12

@@ -31,8 +31,10 @@ _PROVIDERS = (
     "workcell.bench.cidgik_supplement",
     "workcell.bench.hjcd",
     "workcell.bench.hjcd_mmd",
+    "workcell.bench.branch",
     "workcell.bench.tasks",
     "workcell.bench.clearance",
+    "workcell.bench.covers",
     "workcell.bench.free_space",
 )
 

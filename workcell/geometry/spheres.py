@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from workcell.errors import InputError
 from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.cover_cache import cached_cover, content_key
+from workcell.geometry.density import by_count, sphere_budget
 from workcell.geometry.greedy import cover_union
 from workcell.geometry.inner import inner_link_cover, inner_obstacle_cover
 from workcell.geometry.pieces import model_pieces, move_piece, pieces_of_bodies, robot_pieces
@@ -105,7 +106,7 @@ def robot_cover(
     *,
     kind: CoverKind = "outer",
     overshoot: float = 0.02,
-    count: int | None = None,
+    count: int | str | None = None,
     share: float | None = None,
     qpos: ArrayLike | None = None,
     base: bool = False,
@@ -120,7 +121,8 @@ def robot_cover(
         robot: the robot.
         kind: `outer` or `inner`.
         overshoot: metres that an outer sphere may stick out of its link.
-        count: spheres of an inner cover at most.
+        count: spheres at most, or `low`, `mid`, `high` (5, 10, 22, or one a moving link where that is more). An outer
+            cover then has the least overshoot that as many allow; what `base` adds is not counted.
         share: of the links' volume that an inner cover is to fill, as `inscribed_balls`.
         qpos: (nq,) where the joints that are not planned for stand; None: the gripper at its home.
         base: cover what no joint moves, too (a pedestal: it stands where it stands), as `obstacle_cover` does.
@@ -137,7 +139,7 @@ def model_cover(
     *,
     kind: CoverKind = "outer",
     overshoot: float = 0.02,
-    count: int | None = None,
+    count: int | str | None = None,
     share: float | None = None,
     base: bool = False,
 ) -> SphereCover:
@@ -244,19 +246,29 @@ def _cover_links(
     links: Sequence[Sequence[Piece]],
     kind: CoverKind,
     overshoot: float,
-    count: int | None,
+    count: int | str | None,
     share: float | None,
     base: bool,
 ) -> SphereCover:
     if kind not in get_args(CoverKind):
         raise InputError(f"unknown kind of cover {kind!r}", where="kind", remedy="outer or inner")
     if kind == "inner":
-        return inner_link_cover(
-            [p if index or base else () for index, p in enumerate(links)], count=count, share=share
-        )
-    moving = [cover_of(pieces, overshoot, link=link) for link, pieces in enumerate(links) if link]
+        budget = None if count is None else sphere_budget(count)
+        filled = [p if index or base else () for index, p in enumerate(links)]
+        return inner_link_cover(filled, count=budget, share=share)
+    if share is not None:
+        raise InputError("an outer cover has no share", where="share", remedy="give an overshoot or a count")
     standing = [obstacle_cover(links[0], overshoot=overshoot)] if base else []
-    return merge_covers(*standing, *moving)
+    if count is None:
+        return merge_covers(*standing, _cover_moving(links, overshoot))
+    budget = sphere_budget(count, links[1:])
+    return merge_covers(*standing, by_count(budget, lambda size: _cover_moving(links, size)))
+
+
+def _cover_moving(links: Sequence[Sequence[Piece]], overshoot: float) -> SphereCover:
+    return merge_covers(
+        *(cover_of(pieces, overshoot, link=link) for link, pieces in enumerate(links) if link)
+    )
 
 
 def _body_pose(model: mujoco.MjModel, body: int, qpos: Array) -> Pose:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -34,27 +35,26 @@ def run_slsqp(problem: IKProblem, seed: int) -> SlsqpRun:
 
     robot = problem.robot
     start = robot.random_configuration(np.random.default_rng(seed))
-    constraints = []
+    constraints: list[dict[str, Any]] = []
     if problem.obstacles and problem.cover is not None:
         keep = _Distances(problem)
         constraints = [{"type": "ineq", "fun": keep.values, "jac": keep.gradients}]
     began = time.process_time()
     with np.errstate(all="ignore"):
-        found = minimize(
-            lambda q: _cost(problem, q),
-            start,
-            jac=True,
-            method="SLSQP",
-            bounds=list(zip(robot.lower, robot.upper, strict=True)),
-            constraints=constraints,
-            options={"maxiter": ITERATIONS, "ftol": 1e-12},
-        )
+        settings: dict[str, Any] = {
+            "jac": True,
+            "method": "SLSQP",
+            "bounds": list(zip(robot.lower, robot.upper, strict=True)),
+            "constraints": constraints,
+            "options": {"maxiter": ITERATIONS, "ftol": 1e-12},
+        }
+        found = minimize(_cost, start, (problem,), **settings)
     q = np.clip(found.x, robot.lower, robot.upper)
     return SlsqpRun(q, time.process_time() - began)
 
 
-def _cost(problem: IKProblem, q: Array) -> tuple[float, Array]:
-    """Squared error (metres and radians alike, as the twist has them) and its gradient (n,)."""
+def _cost(q: Any, problem: IKProblem) -> Any:
+    """Squared error (metres and radians alike, as the twist has them) at q (n,), and its gradient (n,)."""
     robot = problem.robot
     T = robot.fk_transform(q)
     e = np.concatenate(

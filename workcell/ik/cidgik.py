@@ -15,10 +15,10 @@ import numpy as np
 from workcell.errors import InputError
 from workcell.ik.certificate import Certificate
 from workcell.ik.cidgik_certificate import certify
-from workcell.ik.cidgik_model import fastest_relaxation_at, relaxation_at
-from workcell.ik.cidgik_proof import Proof
+from workcell.ik.cidgik_model import fastest_relaxation_at, relaxation_at, sorted_obstacles
+from workcell.ik.cidgik_proof import Proof, proof_of
 from workcell.ik.cidgik_recover import nearest_turn
-from workcell.ik.cidgik_search import Finished, Search
+from workcell.ik.cidgik_search import Finished, Search, empty_with_all
 from workcell.ik.elementary import prove_impossible
 from workcell.ik.polish import Polished, polish
 from workcell.ik.problem import Budget, IKProblem
@@ -79,21 +79,41 @@ def solve_cidgik(problem: IKProblem, budget: Budget, seed: int = 0, *, local: bo
         instance.release()
 
 
+def prove_cidgik(problem: IKProblem) -> Certificate | None:
+    """A certificate from one relaxation alone (Problem 3), without a search; None where it is not empty.
+
+    Raises:
+        InputError: as `solve_cidgik`.
+    """
+    instance, keeper = relaxation_at(problem)
+    try:
+        if keeper is None:
+            solution = instance.solve(instance.nuclear())
+            ray = solution.z if solution.status == "infeasible" else None
+        else:
+            ray = empty_with_all(instance, keeper, lambda: False)
+        proof = None if ray is None else proof_of(instance, keeper, ray)
+        return None if proof is None else certify(problem, proof)
+    finally:
+        instance.release()
+
+
 def refuse_buried_base(problem: IKProblem) -> None:
     """Raise InputError for a sphere that the first joint's origin, fixed to the base, lies in."""
-    if problem.cover is None:
+    balls, _ = sorted_obstacles(problem)
+    if problem.cover is None or not len(balls):
         return
     anchor = problem.robot.T_world_base.apply(problem.robot.joint_xyz[0])
-    for piece in problem.obstacles:
-        if piece.kind != "sphere":
-            continue
-        depth = float(piece.size[0] - np.linalg.norm(anchor - piece.pose.position))
-        if depth > 0:
-            raise InputError(
-                f"the obstacle contains the base of {problem.robot.name}: its first joint is {1e3 * depth:.0f} mm inside",
-                where=piece.name,
-                remedy="move the obstacle or the base",
-            )
+    depth = balls.radius - np.linalg.norm(balls.centre - anchor, axis=1)
+    worst = int(depth.argmax())
+    if depth[worst] > 0:
+        spheres = [piece for piece in problem.obstacles if piece.kind == "sphere"]
+        raise InputError(
+            f"the obstacle contains the base of {problem.robot.name}: its first joint is "
+            f"{1e3 * depth[worst]:.0f} mm inside",
+            where=spheres[worst].name,
+            remedy="move the obstacle or the base",
+        )
 
 
 @dataclass(slots=True)

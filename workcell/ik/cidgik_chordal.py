@@ -206,8 +206,7 @@ class ChordalKeeper:
         for index, part in enumerate(instance.parts):
             mine = np.flatnonzero(home == index)
             if len(mine):
-                reduction = part.structure.reduction
-                points = reduction.points(links[mine], local[mine])
+                points = part.structure.reduction.points(links[mine], local[mine])
                 own = replace(rules, radius=rules.radius[mine])
                 self._keepers.append((index, Keeper(part, points, own, base)))
 

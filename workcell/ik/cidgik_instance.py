@@ -6,6 +6,8 @@ interior. The cone program then has no equality rows, redundant ones among them,
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from workcell.ik.cidgik_goals import Goal
@@ -19,6 +21,7 @@ SLOT_SIZES = (0, 4, 12, 32, 96, 192)
 """Numbers of workspace rows that cone programs are made for: empty slots cost time, so does a new program."""
 _RIDGE = 1e-9
 _INDEPENDENT = 1e-7
+_PARALLEL = 1e-9
 
 
 class Instance:
@@ -48,6 +51,7 @@ class Instance:
         self.G = goal_columns(structure.skeleton, goals)
         self.middle, self.half = middle, np.minimum(half, np.pi)
         self.added, self.contradiction = planes, False
+        self._packed, self._constants = structure.equalities(self.G)
         self._solve_equalities()
         for point, normal, offset in planes:
             self._add_equality(point, normal, offset)
@@ -69,8 +73,8 @@ class Instance:
     def equalities(self) -> tuple[Array, Array]:
         """A (m, v) and b (m,) over the variable entries of svec(Z): the structure's equalities, then the added ones."""
         structure = self.structure
-        packed, constants = structure.equalities(self.G)
-        rows, constants = packed[np.ix_(structure.used, structure.sub)], constants[structure.used]
+        rows = self._packed[np.ix_(structure.used, structure.sub)]
+        constants = self._constants[structure.used]
         if self.added:
             rows = np.vstack([rows, *(self._plane_row(point, normal) for point, normal, _ in self.added)])
             constants = np.append(constants, [offset for _, _, offset in self.added])
@@ -223,22 +227,21 @@ class Instance:
         columns = np.zeros((structure.whole, d))
         columns[-d:] = np.eye(d)
         columns[structure.keep[:-d]] = Z[: structure.rank, structure.rank :]
-        if structure.dropped:
-            rows, _ = structure.equalities(self.G)
-            for entry in structure.dropped:
-                normals = [others_in(rows[k], entry.index, len(columns)) @ columns for k in entry.rows]
-                columns[entry.index] = _normal_to(normals)
+        for entry in structure.dropped:
+            rows = self._packed[list(entry.rows)]
+            columns[entry.index] = _normal_to(others_in(rows, entry.index, len(columns)) @ columns)
         return columns[:-d]
 
 
-def _normal_to(vectors: list[Array]) -> Array:
-    """A unit vector normal to up to two others."""
-    first = vectors[0] if vectors else np.array([1.0, 0.0, 0.0])
-    second = vectors[1] if len(vectors) > 1 else np.zeros(3)
-    across = np.cross(first, second)
-    if np.linalg.norm(across) < 1e-9:
-        along = first if np.linalg.norm(first) > 1e-9 else second
+def _normal_to(vectors: Array) -> Array:
+    """A unit vector normal to up to two others (k, 3)."""
+    (ax, ay, az), (bx, by, bz) = np.vstack([vectors, np.zeros((2, 3))])[:2].tolist()
+    across = np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+    length = math.hypot(*across)
+    if length < _PARALLEL:
+        # any normal of the one direction that there is will do
+        along = np.array([ax, ay, az]) if math.hypot(ax, ay, az) > _PARALLEL else np.array([bx, by, bz])
         across = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
-    length = float(np.linalg.norm(across))
+        length = math.hypot(*across)
     normal: Array = across / length if length > 0 else np.array([1.0, 0.0, 0.0])
     return normal

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from workcell.geometry.types import Piece
 from workcell.ik.cidgik_chordal import ChordalInstance, ChordalKeeper, ChordalStructure
 from workcell.ik.cidgik_goals import Balls, Goal
 from workcell.ik.cidgik_instance import Instance
@@ -21,6 +23,9 @@ from workcell.ik.problem import IKProblem
 from workcell.ik.relaxation import Interval
 from workcell.model.robot import Robot
 from workcell.pose import Array
+from workcell.remember import ByIdentity
+
+_obstacles = ByIdentity()
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,8 +120,7 @@ def relaxation_at(problem: IKProblem) -> tuple[Instance, Keeper | None]:
     rules, cover = _rules(problem), problem.cover
     if rules is None or cover is None:
         return instance, None
-    points = instance.structure.reduction.points(cover.link, cover.centre)
-    return instance, Keeper(instance, points, rules, problem.robot.T_world_base)
+    return instance, Keeper(instance, instance.structure.points, rules, problem.robot.T_world_base)
 
 
 def fastest_relaxation_at(problem: IKProblem) -> tuple[Skeleton, Relaxed, Kept | None]:
@@ -138,14 +142,25 @@ def fastest_relaxation_at(problem: IKProblem) -> tuple[Skeleton, Relaxed, Kept |
 def _rules(problem: IKProblem) -> Rules | None:
     if not _collides(problem) or problem.cover is None:
         return None
-    spheres = [piece for piece in problem.obstacles if piece.kind == "sphere"]
-    balls = Balls(
-        np.array([piece.pose.position for piece in spheres]).reshape(-1, 3),
-        np.array([piece.size[0] for piece in spheres]),
-    )
-    solids = tuple(piece for piece in problem.obstacles if piece.kind != "sphere")
+    balls, solids = sorted_obstacles(problem)
     radius = problem.cover.radius + problem.tolerances.safety_margin
     return Rules(radius, balls, Balls.none(), pieces=solids)
+
+
+def sorted_obstacles(problem: IKProblem) -> tuple[Balls, tuple[Piece, ...]]:
+    """The spheres among the obstacles, and the other solids; remembered."""
+    obstacles = problem.obstacles
+    if not isinstance(obstacles, tuple):
+        return _sorted(obstacles)  # a list may change between two calls
+    found: tuple[Balls, tuple[Piece, ...]] = _obstacles.get((obstacles,), lambda: _sorted(obstacles))
+    return found
+
+
+def _sorted(obstacles: Sequence[Piece]) -> tuple[Balls, tuple[Piece, ...]]:
+    spheres = [piece for piece in obstacles if piece.kind == "sphere"]
+    centres = np.array([piece.pose.position for piece in spheres]).reshape(-1, 3)
+    balls = Balls(centres, np.array([piece.size[0] for piece in spheres]))
+    return balls, tuple(piece for piece in obstacles if piece.kind != "sphere")
 
 
 def _collides(problem: IKProblem) -> bool:

@@ -127,7 +127,7 @@ def _relaxed(query: Query) -> tuple[Instance, Keeper]:
     interval = Interval(robot.lower, robot.upper)
     points = (space.points.link, space.points.local)
     structure = structure_of(structure_key(robot, query.goals, points, interval, query.dimension))
-    vectors = structure.reduction.points(space.points.link, space.points.local)
+    vectors = structure.points
     planes = tuple(
         (vectors.one(i), *plane_in_base(plane, robot.T_world_base, structure.skeleton.plane))
         for plane in space.planes

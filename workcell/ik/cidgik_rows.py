@@ -201,6 +201,8 @@ class FrameRows:
 
     def equalities(self, G: Array) -> Array:
         """(m, k) triangles whose inner product with svec(Z) is zero."""
+        if not len(self.turned[0].alpha):
+            return np.zeros((0, len(triangle(self.turned[0].alpha.shape[1] + self.dimension)[0])))
         a, b = self.turned[0].at(G), self.turned[1].at(G)
         d, count, width = self.dimension, len(a), a.shape[1]
         left, right = np.zeros((count, d, width)), np.zeros((count, d, width))
@@ -208,9 +210,11 @@ class FrameRows:
         if d == 2:
             right[:, :, -2:] = np.array([[0.0, -1.0], [1.0, 0.0]])
         else:
-            z = self.turned[2].at(G)[:, -3:]
+            x, y, z = self.turned[2].at(G)[:, -3:].T
             # e_i . (z x a) = (e_i x z) . a
-            right[:, :, -3:] = np.cross(np.eye(3), z[:, None, :])
+            right[:, 0, -2], right[:, 0, -1] = -z, y
+            right[:, 1, -3], right[:, 1, -1] = z, -x
+            right[:, 2, -3], right[:, 2, -2] = -y, x
         packed = products(np.broadcast_to(b[:, None], left.shape), left)
         packed -= products(np.broadcast_to(a[:, None], right.shape), right)
         rows: Array = packed.reshape(count * d, packed.shape[-1])

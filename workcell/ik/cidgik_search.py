@@ -202,18 +202,24 @@ class Search:
         return False
 
     def _prove_with_all(self, keeper: Kept) -> bool:
-        """Add the rows on spheres that points of the relaxation itself break, until it is empty or keeps them all."""
+        """Whether the relaxation is empty with every sphere that it breaks, and that can be proved."""
         keeper.forget_passing()
-        C = self.instance.nuclear()
-        while not self.over():
-            solution = self.instance.solve(C)
-            if solution.status == "infeasible":
-                return self._prove(Iterate(None, ray=solution.z))
-            if not solution.usable or not keeper.add_cut_off(self.instance.matrix(solution.x)):
-                return False
-        return False
+        ray = empty_with_all(self.instance, keeper, self.over)
+        return ray is not None and self._prove(Iterate(None, ray=ray))
 
     def note(self, reason: str) -> None:
         """Keep a reason for the report."""
         if reason not in self.rejected and len(self.rejected) < NEAR_MISSES:
             self.rejected.append(reason)
+
+
+def empty_with_all(instance: Relaxed, keeper: Kept, over: Callable[[], bool]) -> Array | None:
+    """Add the rows on spheres that points of the relaxation break, until it is empty (its ray) or keeps them all (None)."""
+    C = instance.nuclear()
+    while not over():
+        solution = instance.solve(C)
+        if solution.status == "infeasible":
+            return solution.z
+        if not solution.usable or not keeper.add_cut_off(instance.matrix(solution.x)):
+            return None
+    return None

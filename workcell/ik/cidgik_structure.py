@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,6 +49,7 @@ class Structure:
         free: (K,) which entries of Z are variables (the others are those of I).
         used: equality rows that stay, independent of each other.
         metric: the paper's points.
+        points: the skeleton's points on these links, in their order.
         idle: solvers by number of slots.
     """
 
@@ -72,6 +74,8 @@ class Structure:
         self.fixed_value = (a == b).astype(float)[~self.free]
         self.used = self._select(rows, gone)
         self.metric = self._metric(gone)
+        held = [(link, local) for link, local in skeleton.points if link in self.reduction.links]
+        self.points = stack([self.reduction.point(*one) for one in held], self.reduction.like)
         self.idle: dict[int, list[ConicSolver]] = {}
 
     def equalities(self, G: Array) -> tuple[Array, Array]:
@@ -92,7 +96,7 @@ class Structure:
             if not self._only_normal(rows[touching], constants[touching], v):
                 continue
             mixed = [int(k) for k in touching if np.any(np.abs(rows[k, a != b]) > _ZERO)]
-            others = np.array([others_in(rows[k], v, self.whole) for k in mixed]).reshape(-1, self.whole)
+            others = others_in(rows[mixed], v, self.whole)
             independent = _independent_rows(others)
             if len(independent) <= 2:
                 found.append(Dropped(v, tuple(mixed[k] for k in independent)))
@@ -150,6 +154,7 @@ class Structure:
         return stack(moving, self.reduction.like)
 
 
+@lru_cache(maxsize=64)
 def places(order: int) -> NDArray[np.int64]:
     """(order, order) for each entry of a symmetric matrix its place in the triangle."""
     place = np.zeros((order, order), dtype=np.int64)
@@ -158,14 +163,12 @@ def places(order: int) -> NDArray[np.int64]:
     return place
 
 
-def others_in(row: Array, v: int, order: int) -> Array:
-    """What a row says column v is normal to: coefficients (order,) over [X; I]."""
-    a, b, factor = triangle(order)
-    out = np.zeros(order)
-    for mine, other in ((a == v, b), (b == v, a)):
-        mask = mine & (a != b)
-        out[other[mask]] += row[mask] * factor[mask]
-    return out
+def others_in(rows: Array, v: int, order: int) -> Array:
+    """What rows (m, K) say column v is normal to: coefficients (m, order) over [X; I]."""
+    place, (_, _, factor) = places(order)[v], triangle(order)
+    found: Array = rows[:, place] * factor[place]
+    found[:, v] = 0.0
+    return found
 
 
 def _independent_rows(rows: Array) -> list[int]:

@@ -64,6 +64,7 @@ class Keeper:
             plane_in_base(plane, base, instance.structure.skeleton.plane) for plane in rules.planes
         ]
         self._pieces = ObstacleArrays(rules.pieces) if rules.pieces else None
+        self._needed: Array = rules.obstacles.radius + rules.radius[:, None]
         self._lasting: dict[Key, Array] = {}
         self._passing: list[Array] = []
         self.loaded: list[Key | None] = []
@@ -133,7 +134,7 @@ class Keeper:
 
     def add_cut_off(self, Z: Array) -> int:
         """Rows for the rules on spheres that Z itself breaks (not only its points); how many are new."""
-        values = self._squared(Z) - self._needed() ** 2
+        values = self._squared(Z) - self._needed**2
         values[~self._movable] = np.inf
         new = [key for key in _worst("ball", values) if key not in self._lasting]
         for key in new:
@@ -149,10 +150,6 @@ class Keeper:
         y = self.points @ Z[:, -d:]
         squared: Array = own[:, None] - 2.0 * y @ self._centres.T + np.sum(self._centres**2, axis=1)
         return squared
-
-    def _needed(self) -> Array:
-        needed: Array = self._rules.obstacles.radius + self._rules.radius[:, None]
-        return needed
 
     def _load(self) -> None:
         width = self._instance.D.shape[1] + 1
@@ -192,10 +189,10 @@ class Keeper:
 
     def _broken(self, y: Array) -> list[Key]:
         rules, keys = self._rules, []
-        keys += _worst("ball", self._gap(y, self._centres) - self._needed())
-        keys += _worst(
-            "inside", rules.inside.radius - rules.radius[:, None] - self._gap(y, self._inside, -np.inf)
-        )
+        keys += _worst("ball", self._squares(y, self._centres) - self._needed**2)
+        if len(self._inside):
+            room = np.maximum(rules.inside.radius - rules.radius[:, None], 0.0)
+            keys += _worst("inside", room**2 - self._squares(y, self._inside, -np.inf))
         for i, j in rules.apart:
             if np.linalg.norm(y[i] - y[j]) < rules.radius[i] + rules.radius[j]:
                 keys.append(("apart", i, j))
@@ -208,11 +205,11 @@ class Keeper:
                     keys.append(("plane", i, j))
         return keys
 
-    def _gap(self, y: Array, centres: Array, fixed: float = np.inf) -> Array:
-        """(m, k) distances of points to centres; `fixed` for points that can't move."""
-        distance: Array = np.linalg.norm(y[:, None] - centres, axis=-1)
-        distance[~self._movable] = fixed
-        return distance
+    def _squares(self, y: Array, centres: Array, fixed: float = np.inf) -> Array:
+        """(m, k) squared distances of points to centres; `fixed` for points that can't move."""
+        squares: Array = (y * y).sum(axis=1)[:, None] + (centres * centres).sum(axis=1) - 2.0 * y @ centres.T
+        squares[~self._movable] = fixed
+        return squares
 
     def _part_pieces(self, y: Array) -> list[Array]:
         """Rows of half-spaces that part the deepest point inside each piece from it."""
@@ -243,4 +240,6 @@ def _worst(kind: Kind, gap: Array) -> list[Key]:
     """For each obstacle that some point breaks (m, k): the point that breaks it most."""
     if not gap.size:
         return []
-    return [(kind, int(i), j) for j, i in enumerate(gap.argmin(axis=0)) if gap[i, j] < 0]
+    worst = gap.argmin(axis=0)
+    broken = np.flatnonzero(gap[worst, np.arange(gap.shape[1])] < 0)
+    return [(kind, int(worst[j]), int(j)) for j in broken]

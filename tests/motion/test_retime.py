@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from workcell.errors import InputError
 from workcell.motion.path import Path
+from workcell.motion.polynomials import PolynomialMotion
 from workcell.motion.retime import limit_use, retime
 
 
@@ -136,3 +137,71 @@ def test_a_path_that_stands_still(planar):
 def test_unknown_acceleration_must_be_given(planar):
     with pytest.raises(InputError, match="pass positive, finite limits"):
         retime(line(planar, [1, 0, 0]))
+
+
+@pytest.fixture(scope="module")
+def sawyer_dynamics():
+    from workcell.model.build import robot_scene
+    from workcell.motion.dynamics import ChainDynamics
+
+    scene = robot_scene("sawyer")
+    return scene.robot().robot, ChainDynamics(scene)
+
+
+def test_torque_limits_hold_between_samples_and_are_used(sawyer_dynamics):
+    robot, dynamics = sawyer_dynamics
+    steps = np.random.default_rng(0).normal(size=(2, robot.dof)) * 0.5
+    corners = np.clip(
+        robot.home + np.vstack([np.zeros(robot.dof), np.cumsum(steps, axis=0)]), robot.lower, robot.upper
+    )
+    path, effort = Path(robot, corners), 0.3 * robot.effort
+    free, limited = (retime(path, dynamics=d, effort=effort, grid=150) for d in (None, dynamics))
+    motion = PolynomialMotion.of_trajectory(limited)
+    t = np.linspace(0, limited.duration, 4 * len(limited))
+    share = np.abs(dynamics.at(motion.at(t), motion.at(t, 1), motion.at(t, 2))) / effort
+    assert share.max() <= 1.0 + 1e-3
+    assert limited.duration >= free.duration
+    assert np.all(np.abs(limited.qd) <= robot.velocity) and np.all(np.abs(limited.qdd) <= robot.acceleration)
+
+
+def test_an_arm_that_is_too_weak_to_hold_itself_is_named(sawyer_dynamics):
+    robot, dynamics = sawyer_dynamics
+    stretched = np.array(robot.home)
+    stretched[1] = 0.0  # the upper arm level: gravity asks most of the shoulder
+    path = Path(robot, np.stack([stretched, stretched + 0.1]))
+    with pytest.raises(InputError, match=r"needs \d+\.\d N m to hold still"):
+        retime(path, dynamics=dynamics, effort=0.5)
+    with pytest.raises(InputError, match="effort limit"):
+        retime(path, dynamics=dynamics, effort=0.0)
+
+
+@pytest.mark.parametrize("straight", [True, False])
+def test_jerk_limited_motions(arm7, straight):
+    pytest.importorskip("ruckig")
+    from workcell.motion.pointtopoint import point_to_point
+
+    goal = np.array([1.0, -0.5, 0.2, 0.0, 0.3, 0.0, 0.7])
+    trajectory = point_to_point(
+        arm7, np.zeros(7), goal, velocity=1.0, acceleration=4.0, jerk=40.0, straight=straight
+    )
+    use = limit_use(trajectory, np.ones(7), np.full(7, 4.0))
+    assert use.kept and use.velocity.max() > 0.99
+    assert np.abs(np.diff(trajectory.qdd, axis=0)).max() / trajectory.dt <= 40.0 * (1 + 1e-9)
+    # the S-curve that reaches both its limits: distance / v + v / a + a / j
+    assert trajectory.duration == pytest.approx(1.0 + 1.0 / 4.0 + 4.0 / 40.0, abs=0.003)
+    assert np.allclose(trajectory.q[-1], goal) and np.abs(trajectory.qd[[0, -1]]).max() == 0
+    if straight:
+        assert np.abs(trajectory.q - trajectory.q[:, :1] * goal).max() < 1e-9
+
+
+def test_bad_point_to_point(arm7):
+    from workcell.motion.pointtopoint import point_to_point
+
+    goal = np.full(7, 0.1)
+    limits = {"velocity": 1.0, "acceleration": 1.0}
+    with pytest.raises(InputError, match="same"):
+        point_to_point(arm7, goal, goal, **limits)
+    with pytest.raises(InputError, match="jerk"):
+        point_to_point(arm7, np.zeros(7), goal, jerk=0.0, **limits)
+    with pytest.raises(InputError, match="velocity limit"):
+        point_to_point(arm7, np.zeros(7), goal, velocity=0.0, acceleration=1.0)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.bench.tables import Bench, Row
+from workcell.errors import ModelError
 from workcell.pose import Array
 
 if TYPE_CHECKING:
@@ -259,8 +260,11 @@ def in_geom(model: mujoco.MjModel, data: mujoco.MjData, geom: int, points: Array
 
 
 def _hull(model: mujoco.MjModel, geom: int) -> Any:
+    import mujoco
     import trimesh
 
+    if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH:
+        raise ModelError("a geom of this type can't be re-checked", where=model.geom(geom).name)
     mesh = int(model.geom_dataid[geom])
     first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
     return trimesh.PointCloud(model.mesh_vert[first : first + count].astype(float)).convex_hull

@@ -39,8 +39,12 @@ class _DamagedEntryError(Exception):
     """An entry that is not what its name says; the message says how."""
 
 
-def cached_cover(pieces: Sequence[Piece], overshoot: float, make: Callable[[], Arrays]) -> Arrays:
+def cached_cover(
+    pieces: Sequence[Piece], overshoot: float, make: Callable[[], Arrays], purpose: str = "outer"
+) -> Arrays:
     """The cover of these pieces from disk, or else what `make` returns, which is then kept there.
+
+    `overshoot` is whatever number the cover was made for; `purpose` tells what it is a number of.
 
     A damaged or foreign entry is reported as a warning of this module's logger, and replaced. A folder that can't be
     read or written is the same as none.
@@ -48,7 +52,7 @@ def cached_cover(pieces: Sequence[Piece], overshoot: float, make: Callable[[], A
     folder = cache_folder()
     if folder is None:
         return make()
-    key = content_key(pieces, overshoot)
+    key = content_key(pieces, overshoot, purpose)
     entry = folder / "covers" / f"{key}.json"
     try:
         return _load(entry, key)
@@ -78,9 +82,9 @@ def cache_folder() -> Path | None:
         return None
 
 
-def content_key(pieces: Sequence[Piece], overshoot: float) -> str:
+def content_key(pieces: Sequence[Piece], overshoot: float, purpose: str = "outer") -> str:
     """Hash of what a cover depends on: kinds, sizes, poses and vertices in their order, overshoot, format, source."""
-    digest = hashlib.sha256(f"{FORMAT} {_source_digest()} {len(pieces)}".encode())
+    digest = hashlib.sha256(f"{FORMAT} {purpose} {_source_digest()} {len(pieces)}".encode())
     digest.update(np.float64(overshoot).tobytes())
     for piece in pieces:
         vertices = np.zeros((0, 3)) if piece.vertices is None else piece.vertices

@@ -19,8 +19,13 @@ def check_certificate(problem: IKProblem, certificate: Certificate) -> str | Non
     """None when the certificate proves that `problem` has no solution in its scope, else why it doesn't."""
     if certificate.scope not in STATUS_OF_SCOPE:
         return f"the scope {certificate.scope!r} is unknown"
+    if problem.inner is not None and certificate.problem_hash != problem_hash(problem):
+        # what is impossible for something inside the real geometry is impossible for the real geometry
+        problem = problem.inside() or problem
     if problem.goal != "pose" and certificate.kind != "branch":
-        return f"proofs of kind {certificate.kind!r} are about whole poses, the problem about the {problem.goal}"
+        return (
+            f"proofs of kind {certificate.kind!r} are about whole poses, the problem about the {problem.goal}"
+        )
     if certificate.kind == "farkas":
         from workcell.ik.farkas import check_farkas
 

@@ -121,10 +121,30 @@ class _Resumed:
         return candidate
 
 
+class _Inside:
+    """The question of the model inside the real geometry: what is impossible there is impossible."""
+
+    def __init__(self) -> None:
+        self._branch = _Resumed()
+        self._model: IKProblem | None = None
+
+    def __call__(self, problem: IKProblem, budget: Budget, seed: int) -> Candidate:
+        deadline = time.process_time() + budget.cpu_s
+        if self._model is None:
+            self._model = problem.inside()
+            if self._model is None:
+                return Candidate()
+            proved = _elementary(self._model, budget, seed)
+            if proved.certificate is not None:
+                return proved
+        left = replace(budget, cpu_s=max(deadline - time.process_time(), 0.0))
+        return self._branch(self._model, left, seed)
+
+
 def _portfolio() -> tuple[Stage, ...]:
     """Stages of `auto`. Nearly all problems that have a solution fall to the first samples, nearly all others to branch and
     bound, which ends in a proof; what resists both gets longer turns of either, so that neither waits for the other."""
-    branch = _Resumed()
+    branch, inside = _Resumed(), _Inside()
     return (
         Stage("elementary", _elementary, seconds=0.0),
         Stage("hjcd", _hjcd, seconds=0.001),
@@ -132,7 +152,9 @@ def _portfolio() -> tuple[Stage, ...]:
         Stage("hjcd", _hjcd, seconds=0.005),
         Stage("branch", branch, seconds=0.03),
         Stage("hjcd", _hjcd, seconds=0.02),
-        Stage("branch", branch, share=0.7),
+        Stage("inside", inside, seconds=1.0),
+        Stage("branch", branch, share=0.6),
+        Stage("inside", inside, share=0.75),
         Stage("ikspark", _ikspark, share=0.85),
         Stage("hjcd", _hjcd),
     )
@@ -232,17 +254,21 @@ class _Portfolio:
         """Whether a stage can't find out more: branch and bound is through, or a short search has seen all it can."""
         if stage.name == "branch":
             return self.in_model is not None and self.in_model[0] == "branch"
+        if stage.name == "inside":
+            # only where the model around the real geometry is known to be too large, or time gets short
+            return self.problem.inner is None or (self.in_model is None and stage.seconds < np.inf)
         return stage.name == "hjcd" and stage.seconds < np.inf and self.stats.get("hjcd.exhausted", 0.0) > 0.0
 
     def _spent(self) -> float:
         return time.process_time() - self.started_cpu
 
     def _prepare(self, name: str) -> None:
-        """Set the clocks on by what compiling takes."""
-        if name not in _PREPARE:
+        """Set the clocks on by what compiling takes, and what is made once for a scene."""
+        make = self.problem.inside if name == "inside" else _PREPARE.get(name)
+        if make is None:
             return
         cpu, wall = time.process_time(), time.perf_counter()
-        _PREPARE[name]()
+        make()
         self.started_cpu += time.process_time() - cpu
         self.started += time.perf_counter() - wall
 

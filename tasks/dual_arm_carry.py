@@ -29,23 +29,27 @@ def leave_handle(job: Job, scene: Scene, name: str):
     up = Pose.from_xyz([0, 0, task["over"]]) @ tool
     world = PlanningWorld.of(scene, name, opening=task["opening"], approached=[task["object"]], seed=job.seed)
     path = job.follow(world, line(tool, up), scene.robot(name).start, LIMITS, f"{name}: way off the handle")
-    return job.retime(world, path, task["max_tool_speed"], f"{name}: motion off the handle"), scene.with_start(
-        name, path.end
-    )
+    return job.retime(
+        world, path, task["max_tool_speed"], f"{name}: motion off the handle"
+    ), scene.with_start(name, path.end)
 
 
 def plan_carry(job: Job, scene: Scene):
     """The crate's path, at the lowest lift that both arms can follow, as three motions of the team: up, over, down."""
     task, crate = scene.task, scene.task["object"]
     begin, target = scene.object_pose(crate), scene.site_pose(task["target"])
-    grasps = {name: begin.inverse() @ scene.robot(name).robot.fk(scene.robot(name).start) for name in task["arms"]}
+    grasps = {
+        name: begin.inverse() @ scene.robot(name).robot.fk(scene.robot(name).start) for name in task["arms"]
+    }
     hover, put = (Pose.from_xyz([0, 0, height]) @ target for height in (task["hover"], task["drop"]))
     carrying = Team.of(scene, crate, grasps, seed=job.seed)
     lifting = carrying.touching(task["stands_on"])
     placing = carrying.touching(task["target_geom"])
     starts = {name: scene.robot(name).start for name in task["arms"]}
     for height in task["lifts"]:
-        up, high = (Pose.from_xyz([0, 0, height]) @ pose for pose in (begin, Pose.from_xyz([0, 0, -0.05]) @ target))
+        up, high = (
+            Pose.from_xyz([0, 0, height]) @ pose for pose in (begin, Pose.from_xyz([0, 0, -0.05]) @ target)
+        )
         raised = job.carry(lifting, line(begin, up, SPACING), starts, LIMITS, f"lift by {height:g} m")
         if raised is None:
             continue
@@ -59,7 +63,10 @@ def plan_carry(job: Job, scene: Scene):
     if down is None:
         job.fail("NOT_FOUND", "The arms can't put the crate down.")
     stages = ((lifting, raised, "lift"), (carrying, across, "carry"), (placing, down, "put down"))
-    motions = [job.retime_team(team, path, task["max_tool_speed"], task["strain_m"], what) for team, path, what in stages]
+    motions = [
+        job.retime_team(team, path, task["max_tool_speed"], task["strain_m"], what)
+        for team, path, what in stages
+    ]
     after = scene.moved({crate: put})
     for name, q in placing.at(down.end).items():
         after = after.with_start(name, q)

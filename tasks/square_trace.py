@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from workcell import FREE, FollowLimits, Job, PathTolerance, PlanningWorld, Pose, polyline
+from workcell import FREE, FollowLimits, Job, PathTolerance, PlanningWorld, Pose, distance_to_path, polyline
 
 LIMITS = FollowLimits(max_step=0.2, deviation_m=2e-4, clearance=0.005)
 NORMAL = PathTolerance(rotation=(0.0, 0.0, FREE))  # about the stylus's own axis
@@ -43,13 +43,9 @@ def run(job: Job) -> None:
             simulation.execute(motion, f"drawing side {k + 1}")
         end = simulation.time
         simulation.hold(task["hold_s"])
-        points = frame.inverse().apply(job.tool_trace(simulation, begin, end))
-        beyond = np.abs(points[:, :2]) - half  # of the square's sides, in its own plane
-        outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
-        off = np.hypot(np.where(beyond.max(axis=1) > 0, outside, -beyond.max(axis=1)), points[:, 2])
-        missed = max(
-            np.linalg.norm(points - frame.inverse().apply(c.position), axis=1).min() for c in corners
-        )
+        points = job.tool_trace(simulation, begin, end)
+        off = distance_to_path(points, corners)
+        missed = max(np.linalg.norm(points - corner.position, axis=1).min() for corner in corners)
         job.summary.update(
             side_m=2 * half, max_deviation_m=float(off.max()), corners_missed_by_m=float(missed)
         )

@@ -25,11 +25,22 @@ if TYPE_CHECKING:
     from workcell.motion.path import Path, Trajectory
     from workcell.motion.retime import retime
     from workcell.motion.route import route
-    from workcell.motion.toolpath import FREE, PathTolerance, arc, circle, line, polyline, through
+    from workcell.motion.team import Team
+    from workcell.motion.toolpath import (
+        FREE,
+        PathTolerance,
+        arc,
+        circle,
+        distance_to_path,
+        line,
+        polyline,
+        through,
+    )
     from workcell.motion.world import PlanningWorld
     from workcell.pose import Pose
     from workcell.record.recording import Recording
     from workcell.record.review import review
+    from workcell.simulate.carried import carried
     from workcell.simulate.simulation import Simulation
 
 _HOMES = {
@@ -57,10 +68,12 @@ _HOMES = {
     "Trajectory": "motion.path",
     "retime": "motion.retime",
     "route": "motion.route",
+    "Team": "motion.team",
     "FREE": "motion.toolpath",
     "PathTolerance": "motion.toolpath",
     "arc": "motion.toolpath",
     "circle": "motion.toolpath",
+    "distance_to_path": "motion.toolpath",
     "line": "motion.toolpath",
     "polyline": "motion.toolpath",
     "through": "motion.toolpath",
@@ -68,6 +81,7 @@ _HOMES = {
     "Pose": "pose",
     "Recording": "record.recording",
     "review": "record.review",
+    "carried": "simulate.carried",
     "Simulation": "simulate.simulation",
 }
 

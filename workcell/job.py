@@ -17,7 +17,7 @@ from workcell.model.contact import CollisionModel
 from workcell.model.data import find_task
 from workcell.model.scene import Scene
 from workcell.motion.dynamics import ChainDynamics, TorqueUse
-from workcell.motion.follow import FollowLimits, follow, local_solver, path_metrics, step_solver
+from workcell.motion.follow import FollowLimits, follow, local_solver, step_solver
 from workcell.motion.path import Path, Trajectory, stationary
 from workcell.motion.plan import PlanSettings
 from workcell.motion.proof import trajectory_clearance
@@ -111,7 +111,7 @@ class Job:
                 "" if failure is None else f" at pose {failure.waypoint} of {len(poses)}: {failure.detail}"
             )
             self.fail(result.status.value, f"{what}{where}. {result.status.sentence}")
-        self._tell_path(world, result.path, limits, what)
+        self._tell_path(result.path, limits, what)
         return result.path
 
     def trace(
@@ -163,16 +163,13 @@ class Job:
         if result.path is None:
             status = "NOT_FOUND" if result.ik is None or result.ik.solved else result.ik.status.value
             self.fail(status, f"{what}: {'; '.join(result.failures)}")
-        self._tell_path(world, result.path, limits, f"{what} ({result.how})")
+        self._tell_path(result.path, limits, f"{what} ({result.how})")
         return result.path
 
-    def _tell_path(self, world: PlanningWorld, path: Path, limits: FollowLimits, what: str) -> None:
-        metrics = path_metrics(path, world.clearance, world.cover, floor=limits.clearance)
-        # every segment was proved when it was made; the whole may still be too long for one proof's budget
-        clear = max(metrics.clearance_between, limits.clearance)
+    def _tell_path(self, path: Path, limits: FollowLimits, what: str) -> None:
         self.say(
-            f"{what}: {metrics.waypoints} waypoints, largest step {metrics.largest_step:.3f} rad, "
-            f"proved at least {1e3 * clear:.0f} mm clear all along"
+            f"{what}: {len(path)} waypoints, largest step {path.largest_step:.3f} rad, "
+            f"proved at least {1e3 * limits.clearance:.0f} mm clear all along"
         )
 
     def retime(
@@ -249,19 +246,22 @@ class Job:
     ) -> TorqueUse:
         """The motion's torques; where they exceed a limit the task ends, and a load that can't even be held is named."""
         use = dynamics.use(motion)
-        if use.kept:
-            return use
-        sentence = f"{what}: joint {use.joint} would need {float(use.share.max()):.0%} of its effort limit"
+        if not use.kept:
+            self.fail("TORQUE", f"{what}: {self._torque_words(dynamics, use, motion, held)}")
+        return use
+
+    def _torque_words(
+        self, dynamics: ChainDynamics, use: TorqueUse, motion: Trajectory, held: tuple[str, Pose] | None
+    ) -> str:
+        """Which joint lacks how much, and whether it would help to move slower."""
+        sentence = f"joint {use.joint} would need {float(use.share.max()):.0%} of its effort limit"
         if held is not None:
             rest = dynamics.use(stationary(motion.robot_name, motion.q[use.worst], 0.02))
             mass = sum(self.scene.model.body_mass[b] for b in self.scene.object(held[0]).body_ids)
             if not rest.kept:
-                self.fail(
-                    "TORQUE",
-                    f"{sentence}: {held[0]}, {mass:.1f} kg, is too heavy to be held there even at rest.",
-                )
+                return f"{sentence}: {held[0]}, {mass:.1f} kg, is too heavy to be held there even at rest."
             sentence += f" with {held[0]}, {mass:.1f} kg, in the hand"
-        self.fail("TORQUE", f"{sentence}. Move slower.")
+        return f"{sentence}. Move slower."
 
     def log_world(self, world: PlanningWorld) -> None:
         """Sphere cover and free space into the recording, their numbers into the story."""

@@ -132,8 +132,14 @@ def _link_pieces(
     for T_world_link, bodies in zip(robot.link_transforms(q), bodies_of_links, strict=True):
         T_link_world = Pose.from_matrix(T_world_link).inverse()
         world = pieces_of_bodies(model, bodies, qpos)
-        links.append(tuple(move_piece(piece, T_link_world) for piece in world))
+        links.append(tuple(_rounded(move_piece(piece, T_link_world)) for piece in world))
     return tuple(links)
+
+
+def _rounded(piece: Piece) -> Piece:
+    """The piece without the rounding errors of its way through the world: links of one kind are alike to the last bit."""
+    pose = Pose(np.round(piece.pose.position, 12) + 0.0, np.round(piece.pose.quat_wxyz, 12) + 0.0)
+    return Piece(piece.name, piece.kind, pose, piece.size, piece.vertices, piece.body)
 
 
 def _touchable_bodies(model: mujoco.MjModel, robot_bodies: Collection[int]) -> set[int]:

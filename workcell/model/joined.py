@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -60,4 +61,4 @@ def joined_robot(robots: Sequence[SceneRobot]) -> Robot:
 def columns(robots: Sequence[SceneRobot]) -> list[slice]:
     """Where each robot's joints stand in the joined robot's configurations."""
     ends = np.cumsum([0, *(robot.robot.dof for robot in robots)])
-    return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    return [slice(int(a), int(b)) for a, b in pairwise(ends)]

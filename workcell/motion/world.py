@@ -192,6 +192,7 @@ class PlanningWorld:
             q_reference=q_reference,
             tolerances=Tolerances(safety_margin=margin),
             inner=self._inside,
+            without=self.relaxed,
         )
 
     def _inside(self, problem: IKProblem) -> IKProblem:

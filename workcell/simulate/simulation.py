@@ -237,7 +237,7 @@ class Simulation:
             UnknownNameError: a robot that the scene doesn't have.
         """
         motions = [motion] if isinstance(motion, Trajectory) else list(motion)
-        references = {name: arm.still() for name, arm in self.arms.items()}
+        references = self._still()
         for trajectory in motions:
             one = self.arm(trajectory.robot_name if len(self.arms) > 1 else None)
             references[one.name] = one.follow(trajectory, self.timestep)
@@ -250,10 +250,10 @@ class Simulation:
 
     def hold(self, seconds: float) -> bool:
         """Stand still."""
-        if self.stop is not None:
-            return False
-        still = {name: arm.still() for name, arm in self.arms.items()}
-        return self._run(still, max(round(seconds / self.timestep), 1) + 1)
+        return self.stop is None and self._run(self._still(), self._steps(seconds) + 1)
+
+    def _still(self) -> dict[str, Reference]:
+        return {name: arm.still() for name, arm in self.arms.items()}
 
     def _run(self, references: dict[str, Reference], steps: int) -> bool:
         with captured_warnings() as warnings:
@@ -288,13 +288,15 @@ class Simulation:
         return self._move_actuator(names[actuator], low + share * (high - low), seconds)
 
     def _move_actuator(self, actuator: int, target: float, seconds: float) -> bool:
-        begin = float(self._data.ctrl[actuator])
-        steps = max(round(seconds / self.timestep), 1)
-        for k in range(1, steps + 1):
-            self._data.ctrl[actuator] = begin + (target - begin) * k / steps
-            if not self.hold(self.timestep):
+        still = self._still()
+        for value in np.linspace(self._data.ctrl[actuator], target, self._steps(seconds) + 1)[1:]:
+            self._data.ctrl[actuator] = value
+            if self.stop is not None or not self._run(still, 2):
                 return False
         return True
+
+    def _steps(self, seconds: float) -> int:
+        return max(round(seconds / self.timestep), 1)
 
     def grasp(self, name: str, robot: str | None = None, *, hold: Hold = "weld") -> bool:
         """Close a gripper on an object and hold it; stops the run when the fingers don't both touch it.
@@ -381,11 +383,28 @@ class Simulation:
         if held is None:
             raise InputError("the hand holds nothing", where="release")
         held.weld.release(self._data)
-        arm.controller.arm.drop(held.weld.hand_body)
         self._watch.let_go(arm.name)
-        self._share_load(held.thing.name)
         self.log(f"{self._whose(arm)}released the {held.thing.name}")
-        return self.move_gripper(opening, robot)
+        return self._open(arm, held, opening)
+
+    def _open(self, arm: Arm, held: Held, opening: float) -> bool:
+        """Open the gripper; the controller carries the object until it stands on something, or the fingers have left it."""
+        hand, mine = arm.gripper(), self._watch.geoms_of(held.thing.name)
+        fingers = self._watch.geoms(frozenset[int]().union(*hand.fingers))
+        target = hand.closed + opening * (hand.open - hand.closed)
+        carried, still = True, self._still()
+        for value in np.linspace(
+            self._data.ctrl[hand.actuator], target, self._steps(self.settings.close_s) + 1
+        )[1:]:
+            stands = bool(self._watch.touched_by(mine)) or not self._watch.touching(fingers, mine)
+            if carried and (stands or value == target):
+                carried = False
+                arm.controller.arm.drop(held.weld.hand_body)
+                self._share_load(held.thing.name)
+            self._data.ctrl[hand.actuator] = value
+            if not self._run(still, 2):
+                return False
+        return True
 
     def _whose(self, arm: Arm) -> str:
         return f"{arm.name}: " if len(self.arms) > 1 else ""
@@ -415,7 +434,7 @@ class Simulation:
             self.flush()
 
     def _is_due(self, step: int, period: float) -> bool:
-        return step % max(round(period / self.timestep), 1) == 0 or self.stop is not None
+        return step % self._steps(period) == 0 or self.stop is not None
 
     def _measure_strain(self) -> None:
         shared = self._watch.shared()

@@ -32,6 +32,7 @@ _PROVIDERS = (
     "workcell.bench.hjcd",
     "workcell.bench.hjcd_mmd",
     "workcell.bench.branch",
+    "workcell.bench.plan",
     "workcell.bench.tasks",
     "workcell.bench.clearance",
     "workcell.bench.covers",

@@ -1,9 +1,10 @@
-"""Collision-free joint motion between two configurations: the straight line if it is clear, RRT-Connect otherwise.
+"""Collision-free joint motion between two configurations by any judge of single configurations: a line, or RRT-Connect.
 
 RRT-Connect grows a tree from either end towards random configurations and towards each other (Kuffner and LaValle,
 "RRT-Connect: an efficient approach to single-query path planning", 2000). Edges are looked at by sampling while the trees
 grow, with some clearance to spare; the path is then shortcut, and proved clear over its whole length
-(`workcell.motion.proof`). After a failed proof the search is repeated with samples twice as dense.
+(`workcell.motion.proof`). After a failed proof the search is repeated with samples twice as dense. Where spheres and pieces
+are known, the compiled `workcell.motion.search` comes first; this is what remains where only the judge is known.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from numpy.typing import ArrayLike
 from workcell.errors import InputError
 from workcell.geometry.types import SphereCover
 from workcell.model.robot import Robot
+from workcell.motion.ends import checked_end
 from workcell.motion.path import Path
 from workcell.motion.proof import Checker, Proof, prove_path, prove_segment
 from workcell.pose import Array
@@ -63,6 +65,11 @@ class PlanSettings:
             raise InputError(
                 "step, resolution and iterations of a planner must be positive", where="settings"
             )
+        if not (np.isfinite(self.clearance) and np.isfinite(self.spare) and self.spare >= 0):
+            raise InputError(
+                f"a clearance of {self.clearance} m with {self.spare} m to spare can't be kept",
+                where="settings",
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +112,8 @@ def connect(
     Raises:
         InputError: an end outside the joint limits or in collision.
     """
-    start, goal = _checked_end(robot, q_a, checker, "q_a"), _checked_end(robot, q_b, checker, "q_b")
+    start, _ = checked_end(robot, q_a, checker, "q_a", wanted=clearance)
+    goal, _ = checked_end(robot, q_b, checker, "q_b", wanted=clearance)
     proof = prove_segment(robot, start, goal, checker, extent, floor=clearance)
     spent = proof.evaluations + 2
     if not proof.proved:
@@ -131,7 +139,8 @@ def plan(
         extent: spheres in link frames that contain all that moves.
 
     Raises:
-        InputError: start or goal outside the joint limits, or in collision (which pair, how deep).
+        InputError: start or goal outside the joint limits, or in collision (which pair, how deep, and the nearest free
+            configuration that was found).
     """
     settings = settings or PlanSettings()
     straight = connect(robot, q_start, q_goal, checker, extent, clearance=settings.clearance)
@@ -156,20 +165,6 @@ def plan(
         detail = proof.reason
         search.resolution /= 2
     return PlanResult(PlanStatus.NOT_FOUND, None, None, detail, search.iterations, search.evaluations)
-
-
-def _checked_end(robot: Robot, q: ArrayLike, checker: Checker, where: str) -> Array:
-    values = robot.configuration(np.asarray(q, dtype=float), where=where)
-    robot.check_limits(values, where=where)
-    found = checker(values)
-    if found.distance < 0:
-        a, b = found.pair
-        raise InputError(
-            f"{robot.name} collides there: {a} and {b} overlap by {-1000 * found.distance:.2f} mm",
-            where=where,
-            remedy="choose a configuration that is free of collisions",
-        )
-    return values
 
 
 @dataclass(slots=True)

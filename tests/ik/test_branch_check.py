@@ -2,17 +2,21 @@
 
 import dataclasses
 import functools
+import json
 
 import numpy as np
 import pytest
 
 from tests.ik.test_branch import BUDGET, elbow_problem, ur_like, wall
 from workcell.bench.planting import planted_problem, random_chain, surround
+from workcell.errors import InputError
+from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.branch import solve_branch
 from workcell.ik.branch_check import check_branch, seal, statement
 from workcell.ik.certificate import Certificate
 from workcell.ik.exact import ExactKinematics
 from workcell.ik.problem import IKProblem, Tolerances
+from workcell.ik.verify import verify
 from workcell.pose import Pose
 
 
@@ -146,3 +150,75 @@ def test_wider_tolerances_need_a_wider_proof() -> None:
     certificate = solve_branch(wide, BUDGET).certificate
     assert certificate is not None
     assert check_branch(wide, certificate) is None
+
+
+def full_tree(depth: int) -> dict[str, np.ndarray]:
+    """A tree that halves joint 0 and its successors over and over, all leaves said to be kinematic."""
+    tree = np.full(2 ** (depth + 1) - 1, -1.0)
+
+    def fill(start: int, level: int) -> None:
+        if level == depth:
+            return
+        tree[start] = level % 7
+        size = 2 ** (depth - level) - 1
+        fill(start + 1, level + 1)
+        fill(start + 1 + size, level + 1)
+
+    fill(0, 0)
+    return {"tree": tree, "splits": np.zeros(np.count_nonzero(tree >= 0)), "blocked": np.zeros((2, 0))}
+
+
+def test_large_trees_are_read_in_bounded_memory_and_larger_ones_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    far = IKProblem(elbow_problem(()).robot, Pose.from_xyz([1.4, 0.3, 0.4]))
+    certificate = solve_branch(far, BUDGET).certificate
+    assert certificate is not None
+    large = changed(certificate, **full_tree(16))
+    assert len(large.data["tree"]) == 2**17 - 1
+    assert check_branch(far, large) is None
+    assert check_branch(far, changed(large, tree=np.append(large.data["tree"][:-1], 0.0))) is not None
+    monkeypatch.setattr("workcell.ik.branch_check.MOST_NODES", 1000)
+    assert "at most 1000 are read" in str(check_branch(far, large))
+
+
+def test_damaged_files_are_refused_with_the_reason() -> None:
+    _, certificate = proof()
+    text = json.dumps(certificate.to_json())
+    for cut in (10, len(text) // 2, len(text) - 2):
+        with pytest.raises(InputError, match="not JSON"):
+            Certificate.from_json(text[:cut])
+    for old, new, reason in (
+        ('"workcell-certificate/1"', '"workcell-certificate/9"', "not a certificate"),
+        ('"geometry"', '"hearsay"', "unknown scope"),
+        ('"margin": ', '"margin": NaN, "was": ', "finite"),
+    ):
+        assert old in text
+        with pytest.raises(InputError, match=reason):
+            Certificate.from_json(text.replace(old, new))
+    document = certificate.to_json()
+    document["data"]["splits"]["values"][0] = float("nan")
+    with pytest.raises(InputError, match="not finite"):
+        Certificate.from_json(document)
+
+
+def test_an_obstacle_around_the_base_and_limits_wider_than_a_turn_are_handled() -> None:
+    robot = dataclasses.replace(ur_like(), lower=np.full(6, -20.0), upper=np.full(6, 20.0))
+    cover = SphereCover(np.array([0, 3]), np.zeros((2, 3)), np.array([0.1, 0.1]))
+    around = Piece("pit", "box", Pose.identity(), np.array([0.3, 0.3, 0.3]))
+    problem = IKProblem(robot, robot.fk(np.array([0.3, -1.0, 1.2, 0.4, 0.9, 0.1])), (around,), cover)
+    certificate = solve_branch(problem, BUDGET).certificate
+    assert certificate is not None
+    assert certificate.scope == "geometry"
+    assert check_branch(problem, certificate) is None
+    free = dataclasses.replace(problem, obstacles=())
+    q = solve_branch(free, BUDGET).q
+    assert q is not None
+    assert verify(free, q).accepted
+
+
+def test_a_huge_scene_is_beyond_the_checker() -> None:
+    far = IKProblem(elbow_problem(()).robot, Pose.from_xyz([100.0, 0.0, 0.0]))
+    certificate = solve_branch(far, BUDGET).certificate
+    assert certificate is not None
+    assert "rounding is proved up to" in str(check_branch(far, certificate))

@@ -105,6 +105,12 @@ def descend_search(
 
 
 @kernel
+def stand(robot: Proof, box: Box) -> None:
+    """Compute what the checker knows of the lines at the middle of a box."""
+    stand_at_centre(robot, box)
+
+
+@kernel
 def descend_checker(
     robot: Proof, scene: Scene, pairs: Array, box: Box, root: Array, planted: Array, which: int, boxes: int
 ) -> tuple[int, int]:  # fmt: skip

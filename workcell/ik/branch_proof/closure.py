@@ -48,7 +48,7 @@ class Robot(NamedTuple):
         turns: whether the target's rotation counts.
         goal: (12,) the motion G.
         ball: (5,) tolerances (m, rad) and the target's position.
-        scale: (1,) rounding slack: `EPS` times the largest length, or `EPS`.
+        scale: (1,) rounding slack, see `vectors`.
     """
 
     lines: Array

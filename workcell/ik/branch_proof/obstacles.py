@@ -184,11 +184,14 @@ def _inside_hull(scene: Scene, row: Array, a: Vector, room: float) -> bool:
         t = scene.triangles[k]
         p, q, r = vector(t, 0), vector(t, 3), vector(t, 6)
         normal = cross(minus(q, p), minus(r, p))
-        length = norm(normal)
-        if length < 1e-14:
-            continue
-        height = max(height, dot(normal, minus(a, p)) / length)
+        length, sides = norm(normal), norm(minus(q, p)) * norm(minus(r, p))
+        # The normal of a thin triangle is uncertain, that of one without area is any.
+        flat = length < 1e-6 * sides
+        lifted = np.inf if flat else dot(normal, minus(a, p)) / length
+        height = max(height, lifted + 1e-15 * sides / max(length, 1e-300) * norm(minus(a, p)))
         nearest = min(nearest, _to_edge(a, p, q), _to_edge(a, q, r), _to_edge(a, r, p))
+        if flat:
+            continue
         foot = plus(a, -dot(normal, minus(a, p)) / (length * length), normal)
         if (
             dot(cross(minus(q, p), minus(foot, p)), normal) >= 0.0

@@ -69,7 +69,7 @@ def proof_robot(problem: IKProblem, inflation: Array, length: float) -> Robot:
     ball = np.concatenate([inflation, problem.target.position])
     free = problem.goal == "position"
     middle = problem.robot.dof + 1 if free else (len(lines) - 1) // 2
-    return Robot(lines, middle, not free, goal, ball, np.array([EPS * max(1.0, length)]))
+    return Robot(lines, middle, not free, goal, ball, np.array([EPS * max(1.0, length) ** 2]))
 
 
 def proof_scene(problem: IKProblem, used: bool) -> Scene:

@@ -41,6 +41,7 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
+    from workcell.geometry.kernels.chain import Arm
     from workcell.ik.kernels.options import World
     from workcell.ik.kernels.search import Memory
 
@@ -58,21 +59,36 @@ NEARBY = 12
 """Seeds drawn near the reference where links may turn by little only."""
 
 
-@functools.cache
-def prepare(refinement: bool = False) -> None:
-    """Import and compile (or load from the cache) what `solve_hjcd` calls, so that the first query is a quick one.
+def prepare(problem: IKProblem) -> None:
+    """Import and compile (or load from the cache) what `solve_hjcd` calls for a problem, so that it is a quick one."""
+    if _searches(problem):
+        _prepare_search(refinement=problem.robot.dof >= MANY_JOINTS)
+    else:
+        _prepare_free()
 
-    Args:
-        refinement: also what it calls for eight joints and more.
-    """
-    entries = kernels()
+
+@functools.cache
+def _prepare_free() -> None:
     q, cost, first = np.zeros((1, 1)), np.zeros(1), np.zeros((0, 1))
-    arm = entries.Arm(np.zeros((3, 13)), np.zeros((3, 1)))
-    world = empty_world(1)
-    entries.solve_targets(arm, np.zeros((0, 7)), first, ACCURACY, 0, random_state(0), q, cost)
-    entries.search(arm, world, np.zeros(7), first, ACCURACY, ACCURACY, 0, new_memory(1, 0), q[0])
+    kernels().solve_targets(_one_joint(), np.zeros((0, 7)), first, ACCURACY, 0, random_state(0), q, cost)
+
+
+@functools.cache
+def _prepare_search(refinement: bool) -> None:
+    arm, world, q, first = _one_joint(), empty_world(1), np.zeros(1), np.zeros((0, 1))
+    kernels().search(arm, world, np.zeros(7), first, ACCURACY, ACCURACY, 0, new_memory(1, 0), q)
     if refinement:
-        refine_packed(arm, world, np.zeros(7), first, ACCURACY, q[0])
+        refine_packed(arm, world, np.zeros(7), first, ACCURACY, q)
+
+
+def _one_joint() -> Arm:
+    arm: Arm = kernels().Arm(np.zeros((3, 13)), np.zeros((3, 1)))
+    return arm
+
+
+def _searches(problem: IKProblem) -> bool:
+    """Whether there is more to a problem than kinematics and joint limits."""
+    return has_collisions(problem) or problem.checker is not None or problem.max_link_rotation is not None
 
 
 def solve_hjcd(problem: IKProblem, budget: Budget, seed: int = 0) -> Candidate:
@@ -84,9 +100,9 @@ def solve_hjcd(problem: IKProblem, budget: Budget, seed: int = 0) -> Candidate:
     """
     if budget.cpu_s <= 0:
         return Candidate()
-    prepare(refinement=problem.robot.dof >= MANY_JOINTS)
+    prepare(problem)
     deadline = time.process_time() + budget.cpu_s
-    if has_collisions(problem) or problem.checker is not None or problem.max_link_rotation is not None:
+    if _searches(problem):
         return _Search(problem, seed).run(deadline, budget.iterations)
     return _solve_free(problem, deadline, budget.iterations, seed)
 
@@ -99,7 +115,7 @@ def collect_solutions(
     Ends early where the search is exhausted or the budget (default 1 s of CPU) is spent. Every one keeps pose, limits
     and clearance; a `checker` is asked about each. They may lie close to each other: see `workcell.ik.diverse`.
     """
-    prepare(refinement=problem.robot.dof >= MANY_JOINTS)
+    _prepare_search(refinement=problem.robot.dof >= MANY_JOINTS)
     deadline = time.process_time() + (budget or Budget(1.0)).cpu_s
     search = _Search(problem, seed)
     found: list[Array] = []

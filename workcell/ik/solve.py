@@ -41,19 +41,19 @@ def _branch(problem: IKProblem, budget: Budget, seed: int) -> Candidate:
     return solve_branch(problem, budget, seed)
 
 
-def _prepare_hjcd() -> None:
+def _prepare_hjcd(problem: IKProblem) -> None:
     from workcell.ik import hjcdik
 
-    hjcdik.prepare()
+    hjcdik.prepare(problem)
 
 
-def _prepare_elementary() -> None:
+def _prepare_elementary(problem: IKProblem) -> None:
     from workcell.ik import screen
 
     screen.prepare()
 
 
-def _prepare_branch() -> None:
+def _prepare_branch(problem: IKProblem) -> None:
     from workcell.ik import branch
 
     branch.prepare()
@@ -160,7 +160,7 @@ def _portfolio() -> tuple[Stage, ...]:
     )
 
 
-_PREPARE: dict[str, Callable[[], None]] = {
+_PREPARE: dict[str, Callable[[IKProblem], None]] = {
     "elementary": _prepare_elementary,
     "hjcd": _prepare_hjcd,
     "branch": _prepare_branch,
@@ -199,14 +199,14 @@ def solve(problem: IKProblem, solver: str = AUTO, budget: Budget | None = None, 
     check_solver_name(solver)
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise InputError(f"the seed is {seed!r}", where="seed", remedy="a whole number >= 0")
-    if problem.goal != "pose" and solver not in (AUTO, "branch"):
+    if problem.goal != "pose" and solver not in (AUTO, "branch", "cidgik", "cidgik+lm"):
         raise InputError(
             f"{solver} takes whole poses, not goals of kind {problem.goal!r}",
             where="solver",
-            remedy="auto or branch",
+            remedy="auto, branch or cidgik",
         )
     stages = _portfolio() if solver == AUTO else (Stage(solver, _SOLVERS[solver]),)
-    if problem.goal != "pose":
+    if problem.goal != "pose" and solver == AUTO:
         stages = (Stage("branch", _branch),)
     return _Portfolio(problem, solver, budget or Budget(), int(seed)).run(stages)
 
@@ -264,11 +264,11 @@ class _Portfolio:
 
     def _prepare(self, name: str) -> None:
         """Set the clocks on by what compiling takes, and what is made once for a scene."""
-        make = self.problem.inside if name == "inside" else _PREPARE.get(name)
+        make = IKProblem.inside if name == "inside" else _PREPARE.get(name)
         if make is None:
             return
         cpu, wall = time.process_time(), time.perf_counter()
-        make()
+        make(self.problem)
         self.started_cpu += time.process_time() - cpu
         self.started += time.perf_counter() - wall
 

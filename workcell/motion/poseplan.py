@@ -94,7 +94,7 @@ def plan_to_pose(
             and the nearest free configuration that was found), or tilted too far already.
     """
     prepare()
-    prepare_goals(refinement=False)
+    prepare_goals(problem)
     return _Query(problem, q_start, budget or Budget(), seed, upright, effort or Effort()).run()
 
 

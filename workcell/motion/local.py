@@ -11,15 +11,23 @@ import functools
 import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.geometry.packing import pack_arm
-from workcell.ik.packing import pack_world, shrunk_world
+from workcell.geometry.self_collision import self_collision_pairs
+from workcell.geometry.types import SphereCover
+from workcell.ik.packing import pack_world
 from workcell.ik.problem import IKProblem
+from workcell.model.contact import CollisionModel
 from workcell.motion.toolpath import PathTolerance
 from workcell.pose import Array, Pose
+from workcell.remember import ByIdentity
+
+if TYPE_CHECKING:
+    from workcell.ik.kernels.options import World
 
 ACCURACY = 1e-7
 """Metres of error (a radian weighs 0.3 m) to which the tool is brought onto its pose."""
@@ -27,6 +35,15 @@ NEAR_LIMIT = 2e-3
 """Radians or metres from a joint limit that count as standing at it."""
 SINGULAR = 1e-4
 """Manipulability below which an arm is called singular."""
+
+
+ROOM, GENEROUS = 1e-3, 6e-3
+"""Metres of clearance beyond what is asked for that waypoints keep where they can: what lies between them needs some."""
+_SAMPLES = 200
+"""Configurations that tell which pairs of spheres always touch."""
+_SMALLEST = 1e-5
+"""Metres: radius that a sphere keeps when its overshoot is taken away."""
+_pairs, _bare_covers = ByIdentity(), ByIdentity()
 
 
 @functools.cache
@@ -97,24 +114,8 @@ class LocalTracker:
         robot = template.robot
         self._arm = pack_arm(robot)
         self._max_step = np.array(np.broadcast_to(np.asarray(max_step, dtype=float), (robot.dof,)))
-        world = pack_world(template)
-        worlds = [world]
-        if template.checker is not None and template.cover is not None and len(template.cover):
-            # an outer cover may forbid what the true shape allows; the judge decides
-            worlds.append(shrunk_world(template, world))
-        keep = max(clearance, template.tolerances.safety_margin)
-        pairs = self._own_pairs(world.spheres)
-        surroundings = _kernels().Surroundings
-        self._around = [surroundings(world._replace(required=keep), pairs) for world in worlds]
+        self._worlds = _worlds(template, max(clearance, template.tolerances.safety_margin))
         self._box = np.append(self.tolerance.box, float(self.tolerance.frame == "tool"))
-
-    def _own_pairs(self, spheres: Array) -> Any:
-        """Pairs of the cover's spheres as rows of the packed ones."""
-        pairs = self.template.self_collision
-        if pairs is None or not len(pairs) or not len(spheres):
-            return np.zeros((0, 2), dtype=np.int64)
-        row = np.argsort(spheres[:, 4].astype(np.int64))
-        return np.ascontiguousarray(row[pairs])
 
     def track(
         self,
@@ -130,7 +131,7 @@ class LocalTracker:
         Args:
             poses: `T_world_tool`, the first one being the next after where `q_start` stands.
             towards: (n,) a configuration to be drawn to on the way, in place of the other motions beside the path.
-            lane: 0: the cover as it is; 1: its spheres without their overshoot, where the template has its own checker.
+            lane: of the models that `_worlds` makes, from the most careful to the boldest.
             aside: in place of the tracker's own.
         """
         chosen = aside or self.aside
@@ -147,9 +148,9 @@ class LocalTracker:
             chosen.distance,
             chosen.longest if towards is None else 0.5 * float(self._max_step.min()),
         )
-        around = self._around[min(lane, len(self._around) - 1)]
+        world = self._worlds[min(lane, len(self._worlds) - 1)]
         reached = _kernels().track(
-            self._arm, around, frames(poses), self._box, self._max_step, ACCURACY, beside, np.array(q_start), out, report
+            self._arm, world, frames(poses), self._box, self._max_step, ACCURACY, beside, np.array(q_start), out, report
         )  # fmt: skip
         if reached == count:
             return Tracked(out, None, 0.0, float(report[:, 2].min(initial=np.inf)))
@@ -160,7 +161,7 @@ class LocalTracker:
         found, q = [np.zeros((0, len(q_start)))], np.asarray(q_start, dtype=float)
         done = 0
         while True:
-            for lane in range(len(self._around)):
+            for lane in range(len(self._worlds)):
                 for aside in (self.aside, Aside(0.0, 0.0, 0.0)):
                     last = self.track(poses[done:], q, lane=lane, aside=aside)
                     if last.complete or len(last.configurations):
@@ -196,12 +197,62 @@ class LocalTracker:
         if np.any(np.abs(q - q_before) > self._max_step - 1e-9):
             joint = robot.joint_names[int(np.argmax(np.abs(q - q_before) / self._max_step))]
             reasons.append(f"{joint} would have to move more than the largest step")
-        keep = self._around[0].world.required
+        keep = self._worlds[-1].required
         if tracked.clearance < keep + 1e-3:
             reasons.append(f"spheres are {1e3 * tracked.clearance:.1f} mm from an obstacle")
         if not reasons:
             reasons.append("local tracking found no step")
         return f"{', '.join(reasons)}; the tool is {1e3 * tracked.error:.2f} mm from its pose"
+
+
+def _worlds(template: IKProblem, keep: float) -> list[World]:
+    """Models to track in, from the most careful to the boldest, for a clearance of `keep` metres.
+
+    An outer cover may forbid what the true shape allows: where the template has a checker of its own, which decides,
+    its spheres are tried without their overshoot as well. They no longer contain the robot, so with more clearance first.
+    """
+    outer = pack_world(_with_pairs(template, template.cover))
+    worlds = [outer._replace(required=keep + ROOM)]
+    cover = template.cover
+    if (
+        template.checker is not None
+        and cover is not None
+        and cover.overshoot is not None
+        and np.any(cover.overshoot)
+    ):
+        radius = np.maximum(cover.radius - cover.overshoot, _SMALLEST)
+        inner = pack_world(_with_pairs(template, _bare(cover, radius)))
+        worlds += [inner._replace(required=keep + more) for more in (GENEROUS, ROOM)]
+    return [*worlds, worlds[-1]._replace(required=keep)]
+
+
+def _with_pairs(template: IKProblem, cover: SphereCover | None) -> IKProblem:
+    """The template with a cover, and with the pairs of its spheres that can hit each other, where the scene tells."""
+    known = replace(template, cover=cover)
+    collision = getattr(getattr(template.checker, "__self__", None), "collision", None)
+    if template.self_collision is not None or cover is None or not isinstance(collision, CollisionModel):
+        return known
+    return replace(
+        known, self_collision=_pairs.get((template.robot, cover), lambda: _self_pairs(known, collision))
+    )
+
+
+def _self_pairs(problem: IKProblem, collision: CollisionModel) -> NDArray[np.int64]:
+    robot, cover = problem.robot, problem.cover
+    assert cover is not None
+    free = robot.home if collision.distance(robot.home).distance > 0 else None
+    found = self_collision_pairs(
+        robot, cover, links=collision.self_links, known_free=free, samples=_SAMPLES, prove=False
+    )
+    return np.array(found.pairs)
+
+
+def _bare(cover: SphereCover, radius: Array) -> SphereCover:
+    """The cover with its spheres without their overshoot; the same object for the same cover."""
+    return _bare_covers.get(
+        (cover,),
+        lambda: replace(cover, radius=radius, overshoot=np.zeros(len(radius)), kind="given"),
+    )
 
 
 def frames(poses: Sequence[Pose]) -> Array:

@@ -212,6 +212,17 @@ def through(knots: Sequence[Pose], spacing: float = 0.02, spacing_rad: float = 0
     return tuple(path)
 
 
+def distance_to_path(points: ArrayLike, poses: Sequence[Pose]) -> Array:
+    """Metres (k,) of points (k, 3) from the straight lines between the positions of neighbouring poses."""
+    x = np.asarray(points, dtype=float).reshape(-1, 1, 3)
+    corners = np.stack([pose.position for pose in check_tool_path(poses)])
+    begin, along = corners[:-1], np.diff(corners, axis=0)
+    square = np.maximum(np.einsum("si,si->s", along, along), 1e-300)
+    share = np.clip(np.einsum("ksi,si->ks", x - begin, along) / square, 0.0, 1.0)
+    nearest: Array = np.linalg.norm(x - begin - share[..., None] * along, axis=-1).min(axis=1)
+    return nearest
+
+
 def _pieces(length: float, angle: float, spacing: float, spacing_rad: float) -> int:
     if not (0 < spacing < np.inf and 0 < spacing_rad < np.inf):
         raise InputError("the spacing of a tool path must be positive and finite", where="spacing")

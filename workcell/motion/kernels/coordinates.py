@@ -6,30 +6,20 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from workcell.geometry.kernels.chain import Arm, carried, forward
+from workcell.geometry.kernels.chain import Arm, forward
 from workcell.ik.kernels.chain import ROTATION_WEIGHT, jacobian
-from workcell.ik.kernels.contact import MOST_CONTACTS, Contacts, collect, contact_row, room
+from workcell.ik.kernels.contact import MOST_CONTACTS, Contacts, collect, room
 from workcell.ik.kernels.options import Work, World, scratch
 from workcell.jit import inner
 from workcell.pose import Array
 
 LOOK_AHEAD = 0.03
 """Metres of clearance within which a pair is a constraint."""
-MOST_PAIRS = 64
-"""Pairs of the robot's own spheres that one program holds."""
-
-
-class Surroundings(NamedTuple):
-    """What must keep clear: the robot's spheres and obstacles, and pairs (p, 2) of rows of `world.spheres`."""
-
-    world: World
-    pairs: NDArray[np.int64]
 
 
 class Room(NamedTuple):
-    """Scratch: IK's own, the tool's coordinates and their rates, rows of the program, a wish (n,), a pair of spheres."""
+    """Scratch: IK's own, the tool's coordinates and their rates, rows of the program, a wish and a trial (n,)."""
 
     work: Work
     contacts: Contacts
@@ -38,15 +28,13 @@ class Room(NamedTuple):
     rows: Array
     wish: Array
     trial: Array
-    apart: Array
-    contact: Array
 
 
 @inner
 def new_room(n: int) -> Room:
     """Scratch for a chain of n joints."""
-    rows = np.empty((MOST_CONTACTS + MOST_PAIRS + 12 + 2 * n, 2 * n + 3))
-    vectors = np.empty(6), np.empty(9), rows, np.zeros(n), np.empty(n), np.empty(9), np.empty((1, 9))
+    rows = np.empty((MOST_CONTACTS + 12 + 2 * n, 2 * n + 3))
+    vectors = np.empty(6), np.empty(9), rows, np.zeros(n), np.empty(n)
     return Room(scratch(n), room(), *vectors)
 
 
@@ -117,48 +105,14 @@ def rates(arm: Arm, target: Array, tool_axes: bool, space: Room) -> None:
 
 
 @inner
-def between(around: Surroundings, T: Array, p: int, apart: Array) -> float:
-    """Gap of pair p of the robot's own spheres; into apart (9,) the unit vector from the second to the first, and both."""
-    spheres = around.world.spheres
-    i, j = around.pairs[p, 0], around.pairs[p, 1]
-    apart[3], apart[4], apart[5] = carried(T, int(spheres[i, 5]), spheres, i)
-    apart[6], apart[7], apart[8] = carried(T, int(spheres[j, 5]), spheres, j)
-    square = 0.0
-    for k in range(3):
-        apart[k] = apart[3 + k] - apart[6 + k]
-        square += apart[k] * apart[k]
-    distance = max(math.sqrt(square), 1e-9)
-    for k in range(3):
-        apart[k] /= distance
-    gap: float = distance - spheres[i, 3] - spheres[j, 3]
-    return gap
-
-
-@inner
-def between_row(arm: Arm, around: Surroundings, T: Array, p: int, space: Room, out: Array) -> None:
-    """Gradient (n,) of the gap that `between` has just measured."""
-    contact, apart = space.contact, space.apart
-    for side in range(2):
-        sign = 1.0 - 2.0 * side
-        for k in range(3):
-            contact[0, 1 + k], contact[0, 4 + k] = sign * apart[k], apart[3 + 3 * side + k]
-        contact[0, 7] = around.world.spheres[around.pairs[p, side], 5]
-        contact_row(arm.frames, T, contact, 0, space.trial)
-        for k in range(out.shape[0]):
-            out[k] = space.trial[k] if side == 0 else out[k] + space.trial[k]
-
-
-@inner
 def look(
-    arm: Arm, around: Surroundings, target: Array, box: Array, margin: float, q: Array, space: Room
+    arm: Arm, world: World, target: Array, box: Array, margin: float, q: Array, space: Room
 ) -> tuple[float, float]:
     """Frames, coordinates and contacts at q (n,); returns the error beyond the tolerance (metres) and the clearance."""
     work = space.work
     forward(arm.frames, q, work.T)
     coordinates(work.T, target, box[6] != 0.0, space.x, space.turn)
-    gap = collect(around.world, work.T, margin, -1e300, space.contacts)
-    for p in range(around.pairs.shape[0]):
-        gap = min(gap, between(around, work.T, p, space.apart))
+    gap = collect(world, work.T, margin, -1e300, space.contacts)
     square = 0.0
     for r in range(6):
         weight = 1.0 if r < 3 else ROTATION_WEIGHT

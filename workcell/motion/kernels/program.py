@@ -19,17 +19,9 @@ from workcell.geometry.kernels.chain import Arm
 from workcell.ik.kernels.chain import ROTATION_WEIGHT
 from workcell.ik.kernels.contact import contact_row
 from workcell.ik.kernels.linear import factor6, gram, solve6
-from workcell.ik.kernels.options import Work
+from workcell.ik.kernels.options import Work, World
 from workcell.jit import inner
-from workcell.motion.kernels.coordinates import (
-    LOOK_AHEAD,
-    MOST_PAIRS,
-    Room,
-    Surroundings,
-    between,
-    between_row,
-    rates,
-)
+from workcell.motion.kernels.coordinates import LOOK_AHEAD, Room, rates
 from workcell.pose import Array
 
 SWEEPS = 40
@@ -51,19 +43,10 @@ def _inequality(n: int, m: int, bound: float, rows: Array) -> int:
 
 
 @inner
-def _collect_rows(
-    arm: Arm, around: Surroundings, box: Array, low: Array, high: Array, q: Array, space: Room
-) -> int:
+def _collect_rows(arm: Arm, world: World, box: Array, low: Array, high: Array, q: Array, space: Room) -> int:
     """Rows of the inequalities (see `refine`): contacts, tolerances, joint bounds; returns how many."""
     n, m = q.shape[0], 0
-    work, rows, x, required = space.work, space.rows, space.x, around.world.required
-    for p in range(around.pairs.shape[0]):
-        gap = between(around, work.T, p, space.apart)
-        if gap < required + LOOK_AHEAD and m < MOST_PAIRS:
-            between_row(arm, around, work.T, p, space, work.column)
-            for k in range(n):
-                rows[m, k] = work.column[k]
-            m = _inequality(n, m, min(required + WANTED - gap, DEEPEST), rows)
+    work, rows, x, required = space.work, space.rows, space.x, world.required
     for c in range(int(space.contacts.used[0])):
         gap = space.contacts.rows[c, 0]
         if gap < required + LOOK_AHEAD:
@@ -151,7 +134,7 @@ def equalities(box: Array, space: Room) -> bool:
 @inner
 def program(
     arm: Arm,
-    around: Surroundings,
+    world: World,
     target: Array,
     box: Array,
     low: Array,
@@ -164,7 +147,7 @@ def program(
     n = q.shape[0]
     work, rows = space.work, space.rows
     rates(arm, target, box[6] != 0.0, space)
-    m = _collect_rows(arm, around, box, low, high, q, space)
+    m = _collect_rows(arm, world, box, low, high, q, space)
     if not equalities(box, space):
         return False
     for r in range(6):

@@ -9,16 +9,9 @@ import numpy as np
 
 from workcell.geometry.kernels.chain import Arm, forward
 from workcell.ik.kernels.contact import contact_row
+from workcell.ik.kernels.options import World
 from workcell.jit import inner, kernel
-from workcell.motion.kernels.coordinates import (
-    LOOK_AHEAD,
-    Room,
-    Surroundings,
-    coordinates,
-    look,
-    new_room,
-    rates,
-)
+from workcell.motion.kernels.coordinates import LOOK_AHEAD, Room, coordinates, look, new_room, rates
 from workcell.motion.kernels.program import equalities, program
 from workcell.pose import Array
 
@@ -66,7 +59,7 @@ def volume(arm: Arm, target: Array, box: Array, q: Array, space: Room) -> float:
 @inner
 def _wish(
     arm: Arm,
-    around: Surroundings,
+    world: World,
     target: Array,
     box: Array,
     aside: Aside,
@@ -82,10 +75,10 @@ def _wish(
         space.wish[k] = -aside.limits * u * u * u / max(1.0 - u * u, 0.02)
         space.wish[k] += aside.pull * (aside.reference[k] - q[k])
     if aside.obstacles > 0.0:
-        look(arm, around, target, box, around.world.required + aside.distance, q, space)
+        look(arm, world, target, box, world.required + aside.distance, q, space)
         for c in range(int(space.contacts.used[0])):
             contact_row(arm.frames, space.work.T, space.contacts.rows, c, space.work.column)
-            short = 1.0 - (space.contacts.rows[c, 0] - around.world.required) / aside.distance
+            short = 1.0 - (space.contacts.rows[c, 0] - world.required) / aside.distance
             for k in range(n):
                 wish[k] += aside.obstacles * short * space.work.column[k]
     if aside.singularities > 0.0:
@@ -106,7 +99,7 @@ def _wish(
 @inner
 def _settle(
     arm: Arm,
-    around: Surroundings,
+    world: World,
     target: Array,
     box: Array,
     low: Array,
@@ -120,10 +113,10 @@ def _settle(
     work = space.work
     error, gap = 1e300, -1e300
     for _iteration in range(ITERATIONS):
-        error, gap = look(arm, around, target, box, around.world.required + LOOK_AHEAD, q, space)
-        if error <= accuracy and gap >= around.world.required:
+        error, gap = look(arm, world, target, box, world.required + LOOK_AHEAD, q, space)
+        if error <= accuracy and gap >= world.required:
             return REACHED, error, gap
-        if not program(arm, around, target, box, low, high, space.wish, q, space):
+        if not program(arm, world, target, box, low, high, space.wish, q, space):
             break
         longest = 0.0
         for k in range(n):
@@ -133,15 +126,15 @@ def _settle(
             q[k] += moved
         if longest < 1e-12:
             break
-    error, gap = look(arm, around, target, box, around.world.required + LOOK_AHEAD, q, space)
+    error, gap = look(arm, world, target, box, world.required + LOOK_AHEAD, q, space)
     if error > accuracy:
         return UNREACHED, error, gap
-    return (REACHED if gap >= around.world.required else TOUCHING), error, gap
+    return (REACHED if gap >= world.required else TOUCHING), error, gap
 
 
 @kernel
 def track(
-    arm: Arm, around: Surroundings, targets: Array, box: Array, max_step: Array, accuracy: float, aside: Aside, start: Array,
+    arm: Arm, world: World, targets: Array, box: Array, max_step: Array, accuracy: float, aside: Aside, start: Array,
     out: Array, report: Array
 ) -> int:  # fmt: skip
     """From `start` (n,) through the targets (k, 12), each within `max_step` (n,) of the one before.
@@ -164,8 +157,8 @@ def track(
             q[k] = before
             low[k] = max(arm.bounds[0, k], before - max_step[k])
             high[k] = min(arm.bounds[1, k], before + max_step[k])
-        _wish(arm, around, targets[i], box, aside, aside.longest, q, space)
-        code, error, gap = _settle(arm, around, targets[i], box, low, high, accuracy, q, space)
+        _wish(arm, world, targets[i], box, aside, aside.longest, q, space)
+        code, error, gap = _settle(arm, world, targets[i], box, low, high, accuracy, q, space)
         report[i, 0], report[i, 1], report[i, 2] = float(code), error, gap
         for k in range(n):
             out[i, k] = q[k]

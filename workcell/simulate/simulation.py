@@ -2,54 +2,27 @@
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from workcell.errors import InputError, UnknownNameError
-from workcell.model.scene import Scene, SceneRobot
+from workcell.model.scene import SceneRobot
 from workcell.motion.path import Trajectory
 from workcell.pose import Array, Pose
-from workcell.simulate.arm import Arm, Reference
-from workcell.simulate.controller import Gains, make_controller
-from workcell.simulate.execution import ContactEvent, Event, Execution, Stop, StopReason, join_executions
+from workcell.simulate.arm import Arm
+from workcell.simulate.execution import StopReason
 from workcell.simulate.grasp import Hand, Weld, finger_speed
-from workcell.simulate.imperfections import Imperfections
-from workcell.simulate.pushes import Pushes
-from workcell.simulate.rows import Rows, Worst, captured_warnings
-from workcell.simulate.shared_load import internal_force
-from workcell.simulate.watch import Held, Hold, Watch
+from workcell.simulate.stepping import Settings, Stepper
+from workcell.simulate.watch import Held, Hold
+
+__all__ = ["Settings", "Simulation"]
 
 _STILL = 2e-3
+"""Speed of a finger (metres a second) below which it rests."""
 
 
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """How a simulation is controlled, watched and logged.
-
-    Attributes:
-        gains: of the controller; None: its own.
-        log_s: seconds between logged rows.
-        chunk_s: seconds between calls of `on_chunk`.
-        max_error_m, max_error_rad: tool errors at which the run stops.
-        stop_on_contact: whether an unintended contact stops the run (it is logged in any case).
-        close_s: seconds over which the gripper's set point moves.
-        settle_s: how long the gripper may take, after that, until the fingers rest on the object.
-    """
-
-    gains: Gains | None = None
-    log_s: float = 0.01
-    chunk_s: float = 0.5
-    max_error_m: float = 0.01
-    max_error_rad: float = 0.1
-    stop_on_contact: bool = True
-    close_s: float = 0.5
-    settle_s: float = 1.5
-
-
-class Simulation:
+class Simulation(Stepper):
     """The robots of a scene in motion. Methods return whether they succeeded; after a stop they do nothing.
 
     Every robot of the scene is controlled; one that is not ordered to move holds its place. A method that acts on one
@@ -71,68 +44,7 @@ class Simulation:
         UnknownNameError: no such robot, controller, or pushed body; ModelError: motors that are none.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        robot: str | None = None,
-        *,
-        controller: str = "computed_torque",
-        imperfections: Imperfections | None = None,
-        settings: Settings | None = None,
-        on_chunk: Callable[[Execution], None] | None = None,
-    ) -> None:
-        import mujoco
-
-        self._mujoco = mujoco
-        self.scene = scene
-        self._default = robot if robot is None else scene.robot(robot).name
-        self.settings = settings or Settings()
-        self._model = copy.copy(scene.model)
-        self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        self._data = mujoco.MjData(self._model)
-        self._data.qpos[:] = scene.initial_qpos()
-        self._pushes = Pushes(self._model, imperfections.pulses if imperfections else ())
-        self.arms = {
-            name: self._make_arm(one, controller, imperfections) for name, one in scene.robots.items()
-        }
-        self._watch = Watch(scene, tuple(scene.robots.values()), self._model, self._data)
-        self._on_chunk = on_chunk
-        self._dofs = [arm.robot.robot.dof for arm in self.arms.values()]
-        self._rows = Rows(sum(self._dofs), len(self.arms), self._model.nq)
-        self._chunks: list[Execution] = []
-        self._seen: set[tuple[str, str]] = set()
-        self.stop: Stop | None = None
-        mujoco.mj_forward(self._model, self._data)
-
-    def _make_arm(self, robot: SceneRobot, controller: str, imperfections: Imperfections | None) -> Arm:
-        driver = make_controller(
-            controller, self._model, robot, self._data.qpos, self.settings.gains, imperfections
-        )
-        arm = Arm(self.scene, robot, self._model, driver)
-        if arm.hand is not None:
-            self._data.ctrl[arm.hand.actuator] = arm.hand.open
-        return arm
-
-    def arm(self, robot: str | None = None) -> Arm:
-        """The robot in motion of that name, or the one that is meant where none is named; raises UnknownNameError."""
-        return self.arms[self.scene.robot(robot or self._default).name]
-
     # ---- what the caller asks -----------------------------------------------------------------------------------
-
-    @property
-    def time(self) -> float:
-        """Simulated seconds."""
-        return float(self._data.time)
-
-    @property
-    def timestep(self) -> float:
-        """Seconds of one control step."""
-        return float(self._model.opt.timestep)
-
-    @property
-    def qpos(self) -> Array:
-        """(nq,) raw positions now."""
-        return np.array(self._data.qpos)
 
     @property
     def robot(self) -> SceneRobot:
@@ -207,23 +119,6 @@ class Simulation:
         other = self._watch.bounds({self._watch.body(body)})
         return bool(np.any(mine[0] > other[1]) or np.any(mine[1] < other[0]))
 
-    def log(self, text: str, level: str = "INFO") -> None:
-        """Add a line to the log at this time."""
-        self._rows.events.append(Event(self.time, level, text))
-
-    def result(self) -> Execution:
-        """All that was logged so far."""
-        self.flush()
-        return join_executions(self._chunks)
-
-    def flush(self) -> None:
-        """Hand the rows since the last chunk to `on_chunk`."""
-        chunk = self._rows.take()
-        if len(chunk) or chunk.events or chunk.contacts or chunk.stop or not self._chunks:
-            self._chunks.append(chunk)
-            if self._on_chunk is not None:
-                self._on_chunk(chunk)
-
     # ---- what the caller orders ---------------------------------------------------------------------------------
 
     def execute(self, motion: Trajectory | Sequence[Trajectory], label: str = "") -> bool:
@@ -251,17 +146,6 @@ class Simulation:
     def hold(self, seconds: float) -> bool:
         """Stand still."""
         return self.stop is None and self._run(self._still(), self._steps(seconds) + 1)
-
-    def _still(self) -> dict[str, Reference]:
-        return {name: arm.still() for name, arm in self.arms.items()}
-
-    def _run(self, references: dict[str, Reference], steps: int) -> bool:
-        with captured_warnings() as warnings:
-            for k in range(1, steps):
-                self._step(references, k, warnings)
-                if self.stop is not None:
-                    return False
-        return True
 
     def move_gripper(self, opening: float, robot: str | None = None) -> bool:
         """Move a gripper's set point to a share of its range: 0 closed, 1 open.
@@ -294,9 +178,6 @@ class Simulation:
             if self.stop is not None or not self._run(still, 2):
                 return False
         return True
-
-    def _steps(self, seconds: float) -> int:
-        return max(round(seconds / self.timestep), 1)
 
     def grasp(self, name: str, robot: str | None = None, *, hold: Hold = "weld") -> bool:
         """Close a gripper on an object and hold it; stops the run when the fingers don't both touch it.
@@ -405,93 +286,6 @@ class Simulation:
             if not self._run(still, 2):
                 return False
         return True
-
-    def _whose(self, arm: Arm) -> str:
-        return f"{arm.name}: " if len(self.arms) > 1 else ""
-
-    # ---- one control step ---------------------------------------------------------------------------------------
-
-    def _step(self, references: dict[str, Reference], k: int, warnings: list[str]) -> None:
-        """Control, integrate, measure. Positions that `mj_step` leaves in `data` are those before integration."""
-        data = self._data
-        qpos, now = np.array(data.qpos), float(data.time)
-        self._pushes.apply(data)
-        torques = {}
-        for name, arm in self.arms.items():
-            torques[name], reached = arm.drive(data, qpos, references[name].at(k))
-            self._rows.saturated += arm.saturated
-            if reached:
-                self.log(f"{self._whose(arm)}a joint is at its effort limit", "WARN")
-        self._mujoco.mj_step(self._model, data)
-        for name, arm in self.arms.items():
-            arm.worst.update(arm.tool_matrix(data), references[name].at(k)[3], torques[name])
-        self._measure_strain()
-        self._guard(now, warnings)
-        step = round(now / self.timestep)
-        if self._is_due(step, self.settings.log_s):
-            self._log_row(now, qpos)
-        if self._is_due(step, self.settings.chunk_s):
-            self.flush()
-
-    def _is_due(self, step: int, period: float) -> bool:
-        return step % self._steps(period) == 0 or self.stop is not None
-
-    def _measure_strain(self) -> None:
-        shared = self._watch.shared()
-        if shared:
-            force = internal_force(self._data, [held.weld for held in shared])
-            worst = next(iter(self.arms.values())).worst
-            worst.internal_force = max(worst.internal_force, force)
-
-    def _log_row(self, now: float, qpos: Array) -> None:
-        if not np.all(np.isfinite(qpos)):
-            return
-        for name in self._watch.notice_lift():
-            self.log(f"the {name} is clear of what it stood on")
-        arms = list(self.arms.values())
-        self._rows.add(
-            now,
-            qpos,
-            np.concatenate([qpos[arm.robot.qpos_addresses] for arm in arms]),
-            np.concatenate([arm.reference for arm in arms]),
-            np.concatenate([arm.tool_matrix(self._data)[:3, 3] for arm in arms]),
-            Worst.of_all([arm.worst for arm in arms], self._dofs),
-            self._watch.clearance(qpos),
-        )
-        for arm in arms:
-            arm.worst = Worst()
-
-    def _guard(self, now: float, warnings: list[str]) -> None:
-        """Stop on instability, on unintended contact, on a lost object, on a tool too far from its reference."""
-        data, settings = self._data, self.settings
-        if warnings or not np.all(np.isfinite(data.qpos)) or not np.all(np.isfinite(data.qvel)):
-            self._stop(
-                StopReason.UNSTABLE, " ".join(warnings[:1]) or "positions or velocities are not finite"
-            )
-            return
-        for pair, depth in self._watch.unintended():
-            if pair not in self._seen:
-                self._seen.add(pair)
-                text = f"unintended contact between {pair[0]} and {pair[1]}, {1000 * depth:.2f} mm deep"
-                self._rows.contacts.append(ContactEvent(now, pair, depth))
-                self.log(text, "ERROR")
-                if settings.stop_on_contact:
-                    self._stop(StopReason.CONTACT, text)
-        for arm in self.arms.values():
-            worst = arm.worst
-            if worst.error_m > settings.max_error_m or worst.error_rad > settings.max_error_rad:
-                text = f"the tool is {1000 * worst.error_m:.2f} mm and {worst.error_rad:.4f} rad off"
-                self._stop(StopReason.TRACKING, self._whose(arm) + text)
-        for held in self._watch.held.values():
-            slip = self._watch.slip(held)
-            if slip > held.may_slip:
-                self._stop(StopReason.LOST_GRASP, f"the {held.thing.name} slipped by {1000 * slip:.2f} mm")
-
-    def _stop(self, reason: StopReason, detail: str) -> None:
-        if self.stop is None:
-            self.stop = Stop(self.time, reason, detail)
-            self._rows.stop = self.stop
-            self.log(f"{reason.value}: {detail}. {reason.sentence}", "ERROR")
 
     def _wait_for_grip(self, hand: Hand, mine: Iterable[int]) -> bool:
         """Hold until every finger rests on the object."""

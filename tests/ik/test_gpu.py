@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.ik.arms import random_arm, seven
+from tests.ik.arms import planar, random_arm, seven
 from workcell.errors import InputError
 from workcell.geometry.packing import pack_arm
 from workcell.ik.hjcd_batch import solve_batch, solve_two_phase
@@ -132,3 +132,10 @@ def test_without_warp_the_extra_is_named(monkeypatch):
 def test_the_solver_on_numba_does_not_import_warp():
     code = "import sys, workcell.ik.hjcd_batch, workcell.ik.gpu.solver; sys.exit('warp' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@needs_warp
+def test_a_single_joint():
+    robot = planar((0.3,))
+    solution = solve_batch(robot, [robot.fk(np.array([0.4]))], device="cpu")
+    assert solution.q[0] == pytest.approx([0.4], abs=1e-7)

@@ -31,7 +31,7 @@ def programs(n: int) -> SimpleNamespace:
     N = wp.constant(n)
     module = f"workcell.ik.gpu.joints{n}"
     # Loops over joints stay loops: unrolled, they take minutes to compile for long chains.
-    options = {"max_unroll": 1, "enable_backward": False}
+    options = {"max_unroll": 0, "enable_backward": False}
 
     @wp.kernel(module=module)
     def descend(

@@ -17,6 +17,7 @@ from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.problem import Clearance
 from workcell.model.robot import Robot
 from workcell.pose import Array, read_only
+from workcell.remember import ByIdentity
 
 if TYPE_CHECKING:
     from workcell.motion.kernels.body import Body
@@ -190,13 +191,21 @@ def _pairs(
     return np.unique(links[links[:, 0] < links[:, 1]], axis=0), apart
 
 
+_columns = ByIdentity()
+
+
 def column_bounds(robot: Robot, cover: SphereCover) -> Array:
     """(n + 1, n) upper bounds, over all configurations, on the distance of a link's sphere centres from each joint's axis.
 
     Row l, column k: at most the radial part of the next joint's origin plus the lengths of the links beyond it; exact
     for the link's own joint. 1 for a prismatic joint, whose column of the Jacobian is a unit vector; 0 for joints
-    that don't move the link.
+    that don't move the link. Remembered for a robot and its cover.
     """
+    bounds: Array = _columns.get((robot, cover), lambda: _column_bounds(robot, cover))
+    return bounds
+
+
+def _column_bounds(robot: Robot, cover: SphereCover) -> Array:
     n = robot.dof
     turned = axis_frames(robot)
     bound = np.zeros((n + 1, n))

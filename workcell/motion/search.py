@@ -38,15 +38,17 @@ class Effort:
     Attributes:
         step: length of a tree's edges, radians (of all joints together, L2).
         iterations: samples to draw, at most.
+        looks: configurations to look at while the trees grow, about.
         cpu_s: CPU seconds to spend, at most; inf: only the iterations count, and the result depends on nothing else.
         shortcuts, pulls: of the path that was found (see `kernels.shorten`).
     """
 
     step: float = 1.0
     iterations: int = 1_000_000
+    looks: int = 10_000_000
     cpu_s: float = float("inf")
-    shortcuts: int = 60
-    pulls: int = 6
+    shortcuts: int = 40
+    pulls: int = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +106,8 @@ def search(body: Body, start: Array, goals: ArrayLike, effort: Effort | None = N
     status, done = entries.OPEN, 0
     while status != entries.JOINED:
         chunk = min(CHUNK, effort.iterations - done)
-        if chunk <= 0 or (done and time.process_time() > deadline):
+        looked_enough = int(trees.tally[entries.LOOKS]) > effort.looks
+        if chunk <= 0 or looked_enough or (done and time.process_time() > deadline):
             break
         status = entries.grow(body, trees, effort.step, chunk, meeting)
         done = int(trees.tally[entries.ITERATIONS])

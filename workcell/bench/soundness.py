@@ -17,7 +17,7 @@ import numpy as np
 
 from workcell.bench.planting import planted_problem, random_chain, surround
 from workcell.ik.branch_problem import problem_arrays
-from workcell.ik.problem import IKProblem
+from workcell.ik.problem import IKProblem, Tolerances
 from workcell.model.robot import Robot
 from workcell.pose import Array
 
@@ -98,7 +98,9 @@ def plantings(rng: np.random.Generator, robots: tuple[Robot, ...] = ()) -> Itera
             robot = robots[rng.integers(len(robots))]
         else:
             robot = random_chain(rng, int(rng.integers(5, 9)), sliding=rng.choice([0.0, 0.0, 0.2]))
-        problem, q = planted_problem(robot, rng, goal=goal)  # type: ignore[arg-type]
+        # Wide tolerances too: what they do to second order must show.
+        allowed = (Tolerances(), Tolerances(1e-3, 1e-2), Tolerances(0.02, 0.1))[rng.integers(3)]
+        problem, q = planted_problem(robot, rng, goal=goal, tolerances=allowed)  # type: ignore[arg-type]
         if rng.random() < 0.5:
             problem = surround(
                 problem, q, rng, count=int(rng.integers(1, 12)), pairs=int(rng.integers(0, 20))

@@ -148,9 +148,9 @@ def _portfolio() -> tuple[Stage, ...]:
     return (
         Stage("elementary", _elementary, seconds=0.0),
         Stage("hjcd", _hjcd, seconds=0.001),
-        Stage("branch", branch, seconds=0.006),
-        Stage("hjcd", _hjcd, seconds=0.005),
-        Stage("branch", branch, seconds=0.03),
+        Stage("branch", branch, seconds=0.01),
+        Stage("hjcd", _hjcd, seconds=0.004),
+        Stage("branch", branch, seconds=0.06),
         Stage("hjcd", _hjcd, seconds=0.02),
         Stage("inside", inside, seconds=1.0),
         Stage("branch", branch, share=0.6),

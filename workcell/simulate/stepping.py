@@ -194,6 +194,8 @@ class Stepper:
             return
         for name in self._watch.notice_lift():
             self.log(f"the {name} is clear of what it stood on")
+        for name, slip in self._watch.notice_slip():
+            self.log(f"the {name} slips in the hand: {1e3 * slip:.1f} mm", "WARN")
         arms = list(self.arms.values())
         self._rows.add(
             now,

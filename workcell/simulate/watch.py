@@ -22,13 +22,15 @@ Hold = Literal["weld", "friction"]
 
 _LIFTED = 1e-3
 """Metres above what it stood on, at which an object counts as lifted."""
+_SLIPPING = 1e-3
+"""Metres of slip that are worth a line in the log."""
 _LOST: dict[Hold, float] = {"weld": 2e-3, "friction": 6e-3}
 """Metres of slip at which an object counts as lost: a weld does not give, rubber does a little."""
 
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """What a hand holds, how it held it at the grasp, and the geoms that the object then stood on."""
+    """What a hand holds, how it held it at the grasp, the geoms that the object then stood on, and whether it slips."""
 
     thing: SceneObject
     weld: Weld
@@ -36,6 +38,7 @@ class Held:
     T_tool_object: Pose
     supports: frozenset[int]
     hold: Hold = "weld"
+    slipping: bool = False
 
     @property
     def may_slip(self) -> float:
@@ -155,6 +158,16 @@ class Watch:
             self.expect(mine, held.supports, expected=False)
             lifted.append(held.thing.name)
         return list(dict.fromkeys(lifted))
+
+    def notice_slip(self) -> list[tuple[str, float]]:
+        """Names and metres of the objects that have just begun to slip in a hand that holds them by friction."""
+        found = []
+        for robot, held in list(self.held.items()):
+            slip = self.slip(held)
+            if held.hold == "friction" and not held.slipping and slip > _SLIPPING:
+                self.held[robot] = replace(held, slipping=True)
+                found.append((held.thing.name, slip))
+        return found
 
     def _near(self, mine: Iterable[int], supports: Iterable[int]) -> bool:
         return any(

@@ -1,0 +1,90 @@
+"""A team of arms: one kinematic tree, a closed chain that stays closed, and proofs of both arms against each other."""
+
+import numpy as np
+import pytest
+
+from workcell.errors import InputError
+from workcell.model.joined import columns, joined_robot
+from workcell.model.scene import Scene
+from workcell.motion.path import Path
+from workcell.motion.retime import retime
+from workcell.motion.team import Team, prove_team, prove_team_motion
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return Scene.load("dual_arm_carry")
+
+
+@pytest.fixture(scope="module")
+def team(scene):
+    """The crate as if it hung between the hands where they start."""
+    begin = scene.object_pose("crate")
+    grasps = {
+        name: begin.inverse() @ scene.robot(name).robot.fk(scene.robot(name).start) for name in scene.robots
+    }
+    return Team.of(scene, "crate", grasps).touching(["bench_top"])
+
+
+def start(scene):
+    return np.concatenate([robot.start for robot in scene.robots.values()])
+
+
+def test_the_joined_robot_has_the_kinematics_of_its_parts(scene):
+    robots = list(scene.robots.values())
+    joined, parts = joined_robot(robots), columns(robots)
+    rng = np.random.default_rng(2)
+    for q in joined.random_configuration(rng, 5):
+        for robot, part in zip(robots, parts, strict=True):
+            for tool in robot.robot.tools:
+                whole = joined.fk_transform(q, f"{robot.name}/{tool}")
+                assert np.allclose(whole, robot.robot.fk_transform(q[part], tool), atol=1e-12)
+    assert joined.dof == 14 and not joined.is_serial
+    with pytest.raises(InputError, match="no robot to join"):
+        joined_robot([])
+
+
+def test_a_chain_that_is_closed_is_not_stretched_and_a_broken_one_is(scene, team):
+    q = start(scene)
+    assert team.stretch(q[None])[0] < 1e-12
+    # the left arm turns about its upright base axis, and would take the crate's other handle along
+    left, right = (scene.robot(name).robot for name in ("left", "right"))
+    arm = right.fk(q[7:]).position - left.T_world_base.position
+    expected = 2 * np.sin(0.005) * np.linalg.norm(arm[:2])
+    assert team.stretch((q + 0.01 * np.eye(14)[0])[None])[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_no_pair_loses_more_distance_than_the_bound_says(scene, team):
+    rng = np.random.default_rng(5)
+    q = start(scene)
+    half = np.full(14, 0.02)
+    before, bound = team.clearance(q).distance, team.motion_bound(q, half)
+    for _ in range(30):
+        assert team.clearance(q + rng.uniform(-half, half)).distance >= before - bound
+
+
+def test_arms_that_approach_each_other_are_not_proved(scene, team):
+    inwards = start(scene)
+    inwards[0], inwards[7] = inwards[0] - 1.3, inwards[7] + 1.3
+    proof = prove_team(team, Path(team.robot, np.stack([start(scene), inwards])))
+    assert not proof.proved and proof.smallest.distance < 0
+    assert np.isfinite(proof.failed_at) and " come to " in proof.reason
+
+
+def test_a_short_common_motion_is_proved_timed_and_split(scene, team):
+    together = start(scene)
+    together[[1, 8]] -= 0.05
+    path = Path(team.robot, np.stack([start(scene), together]))
+    assert prove_team(team, path, floor=0.002).proved
+    trajectory = retime(path, tool_speed=0.25)
+    proof = prove_team_motion(team, trajectory, floor=0.001)
+    assert proof.proved and proof.margin >= 0.001
+    left, right = team.split(trajectory)
+    assert (left.robot_name, right.robot_name) == ("left", "right")
+    assert np.array_equal(np.hstack([left.q, right.q]), trajectory.q)
+    assert np.array_equal(left.time, right.time)
+
+
+def test_one_arm_is_no_team(scene):
+    with pytest.raises(InputError, match="two arms or more"):
+        Team.of(scene, "crate", {"left": scene.object_pose("crate")})

@@ -164,7 +164,7 @@ def proof_rows(n: int, seed: int, sets: Path | None) -> list[Row]:
         proof = prover.path(points)
         cpu.append(time.process_time() - began)
         looks.append(float(proof.evaluations))
-        dense = _smallest(prover.clearance, points)
+        dense = _smallest(prover.clearance, points, max(proof.margin, 0.0) + 1e-3)
         proved += proof.proved
         wrong += proof.proved and dense < max(proof.margin, 0.0) - 1e-9
         missed += not proof.proved and dense > 1e-5
@@ -213,12 +213,14 @@ def _random_path(rng: np.random.Generator, limits: Array) -> Array:
     return np.array(points)
 
 
-def _smallest(clearance: BodyClearance, points: Array) -> float:
-    """The smallest clearance at configurations `_DENSE` radians apart."""
+def _smallest(clearance: BodyClearance, points: Array, limit: float) -> float:
+    """The smallest clearance at configurations `_DENSE` radians apart; what is above `limit` is of no interest."""
     smallest = np.inf
     for a, b in pairwise(points):
         count = max(2, int(np.abs(b - a).max() / _DENSE) + 1)
-        smallest = min(smallest, float(clearance.many(a + np.linspace(0, 1, count)[:, None] * (b - a)).min()))
+        smallest = min(
+            smallest, float(clearance.many(a + np.linspace(0, 1, count)[:, None] * (b - a), limit).min())
+        )
     return smallest
 
 

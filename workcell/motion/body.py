@@ -22,6 +22,8 @@ from workcell.remember import ByIdentity
 if TYPE_CHECKING:
     from workcell.motion.kernels.body import Body
 
+FAR = 1e3
+"""Metres reported where nothing is near."""
 NO_CONE = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 1.0, -2.0])
 """Any direction of the tool is allowed."""
 
@@ -145,17 +147,17 @@ class BodyClearance:
     def __init__(self, body: Body, cover: SphereCover | None, obstacles: Sequence[Piece]) -> None:
         self._body, self._cover, self._obstacles = unbounded(body), cover, obstacles
 
-    def many(self, q: ArrayLike) -> Array:
-        """(k,) smallest clearances at configurations (k, n); 1000 m where nothing is near."""
+    def many(self, q: ArrayLike, limit: float = FAR) -> Array:
+        """(k,) smallest clearances at configurations (k, n); those beyond `limit` metres may come as 1000 m."""
         rows = np.ascontiguousarray(q, dtype=float)
         out = np.empty((len(rows), 3))
-        kernels().gaps(self._body, rows, out)
+        kernels().gaps(self._body, rows, limit, out)
         return out[:, 0]
 
     def __call__(self, q: ArrayLike) -> Clearance:
         """The smallest clearance at q (n,), and its pair."""
         out = np.empty((1, 3))
-        kernels().gaps(self._body, np.asarray(q, dtype=float)[None], out)
+        kernels().gaps(self._body, np.asarray(q, dtype=float)[None], FAR, out)
         return Clearance(float(out[0, 0]), self.pair(int(out[0, 1]), int(out[0, 2])))
 
     def pair(self, first: int, second: int) -> tuple[str, str]:

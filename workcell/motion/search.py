@@ -79,7 +79,7 @@ def prepare() -> None:
     body = entries.Body(np.zeros((3, 13)), np.zeros((3, 1)), *empty, np.zeros((2, 1)), *alone, NO_CONE, 0.0)
     entries.prove_edges(body, zero, zero, entries.FINEST, np.zeros(1))
     entries.prove_lines(body, np.zeros((2, 1)), 0.5, 1e-6, 10, np.zeros(7))
-    entries.gaps(body, zero, np.zeros((1, 3)))
+    entries.gaps(body, zero, 1.0, np.zeros((1, 3)))
     trees = _new_trees(zero[0], zero, 0, 2)
     entries.grow(body, trees, 1.0, 0, np.zeros(2, dtype=np.int64))
     entries.shorten(body, np.zeros((4, 1)), 2, random_state(0), 0, 0, 0, np.zeros(2, dtype=np.int64))

@@ -128,8 +128,10 @@ def prove_edges(body: Body, a: Array, b: Array, finest: float, clear: Array) -> 
 
 
 @kernel
-def gaps(body: Body, q: Array, out: Array) -> None:
+def gaps(body: Body, q: Array, limit: float, out: Array) -> None:
     """For configurations q (k, n) into out (k, 3): the smallest clearance, and its pair as in `Steps`.
+
+    Pairs farther apart than `limit` metres may be passed over; 1000 m where all are.
 
     The body has a floor below any clearance, and no cone.
     """
@@ -137,5 +139,5 @@ def gaps(body: Body, q: Array, out: Array) -> None:
     work = room(n, 1)
     for i in range(q.shape[0]):
         forward(body.frames, q[i], work.T)
-        steps = safe_steps(body, work.T, work.W, work.A, 0.0, 0.0, 1.0, 1e3)
+        steps = safe_steps(body, work.T, work.W, work.A, 0.0, 0.0, 1.0, limit)
         out[i, 0], out[i, 1], out[i, 2] = steps.gap, float(steps.first), float(steps.second)

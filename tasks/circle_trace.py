@@ -8,7 +8,7 @@ import numpy as np
 
 from workcell import FREE, FollowLimits, Job, PathTolerance, PlanningWorld, Pose, circle
 
-LIMITS = FollowLimits(max_step=0.2, deviation_m=2e-4, clearance=0.005)
+LIMITS = FollowLimits(max_step=0.2, deviation_m=2e-4, clearance=0.002)
 NORMAL = PathTolerance(rotation=(0.0, 0.0, FREE))  # about the stylus's own axis
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from workcell import FREE, FollowLimits, Job, PathTolerance, PlanningWorld, Pose, carried, line, through
 
-LIMITS = FollowLimits(max_step=0.2, deviation_m=1e-3, clearance=0.004)
+LIMITS = FollowLimits(max_step=0.2, deviation_m=1e-3, clearance=0.003)
 UPRIGHT = PathTolerance(
     rotation=(0.0, 0.0, FREE), frame="world"
 )  # free to turn about the vertical, and no other way

@@ -13,6 +13,7 @@ from workcell.errors import InputError, UnknownNameError
 from workcell.ik.problem import IKProblem
 from workcell.ik.result import IKResult, Status
 from workcell.ik.solve import solve
+from workcell.ik.why_not import explain
 from workcell.model.contact import CollisionModel
 from workcell.model.data import find_task
 from workcell.model.scene import Scene
@@ -38,7 +39,7 @@ from workcell.simulate.simulation import Simulation
 
 TRACKING_ROOM = 0.001
 """Metres that a timed motion keeps clear: the tracking error that the simulation may have."""
-MOVING = PlanSettings(clearance=0.005)
+MOVING = PlanSettings(clearance=0.002)
 """How joint motions between two configurations are planned."""
 PLANNERS = ("ikspark", "cidgik", "auto")
 
@@ -89,14 +90,30 @@ class Job:
         raise TaskFailedError(status, sentence)
 
     def solve(self, problem: IKProblem, what: str) -> IKResult:
-        """A verified configuration; without one the task ends with the solver's status."""
+        """A verified configuration; without one the task ends with a proof and what is in the way, where there is a proof."""
         result = solve(problem, solver=self.planner, seed=self.seed)
         if not result.solved:
-            because = f" ({'; '.join(result.rejected[:2])})" if result.rejected else ""
-            self.fail(result.status.value, f"{what}: {result.status.sentence}{because}")
+            self._refuse(problem, result, what)
         first, second = result.clearance.pair
         self.say(f"{what}: verified, {1e3 * result.clearance.distance:.0f} mm clear ({first} to {second})")
         return result
+
+    def _refuse(self, problem: IKProblem, result: IKResult, what: str) -> NoReturn:
+        """End the task. What the planner did not find, the portfolio decides; a proof is kept, explained and drawn."""
+        decided = result if result.status.is_impossible else solve(problem, seed=self.seed)
+        if decided.certificate is None or not decided.status.is_proof:
+            because = f" ({'; '.join(result.rejected[:2])})" if result.rejected else ""
+            hint = f" {decided.solver} finds one: try --planner auto." if decided.solved else ""
+            self.fail(result.status.value, f"{what}: {result.status.sentence}{because}{hint}")
+        self.say(f"{what}: proved impossible: {decided.certificate.statement}")
+        why = explain(problem, decided, seed=self.seed)
+        self.summary |= {"why": why.to_json(), "proof": decided.certificate.statement}
+        folder = self.recording.path.parent
+        write_json_atomic(folder / f"{self.scene.name}.certificate.json", decided.certificate.to_json())
+        if problem.cover is not None:
+            nearest = None if why.closest is None else why.closest.q
+            self.recording.log_blame(why.pieces, problem.robot, problem.cover, nearest)
+        self.fail(decided.status.value, f"{what}: {decided.status.sentence} In short: {why.sentence}.")
 
     def follow(
         self, world: PlanningWorld, poses: Sequence[Pose], q_start: Array, limits: FollowLimits, what: str

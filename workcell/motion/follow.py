@@ -198,7 +198,7 @@ class _Tracker:
         self.clearances.append(clearance)
         self.configurations.append(np.array(q))
         self.poses.append(pose)
-        self.reached.append(self.tolerance.nearest(pose, self.template.robot.fk(q)))
+        self.reached.append(self.tolerance.allowed(pose, self.template.robot, q))
 
     def _advance(self, pose: Pose, halvings: int) -> None:
         """Go to `pose` from the last configuration, by way of poses between when the step or the deviation is too big."""

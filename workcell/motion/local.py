@@ -62,11 +62,15 @@ class Aside:
         longest: radians in any joint that one waypoint may add to the motion that the path needs.
     """
 
-    limits: float = 0.004
-    singularities: float = 0.002
-    obstacles: float = 0.01
+    limits: float = 0.01
+    singularities: float = 0.02
+    obstacles: float = 0.02
     distance: float = 0.08
     longest: float = 0.02
+
+
+STILL = Aside(0.0, 0.0, 0.0)
+"""Nothing beside the path."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,23 +161,27 @@ class LocalTracker:
         return Tracked(out[:reached], out[reached], float(report[reached, 1]), float(report[reached, 2]))
 
     def track_anyhow(self, poses: Sequence[Pose], q_start: Array) -> Tracked:
-        """`track`, and from where it fails without motions beside the path, and among spheres without their overshoot."""
+        """`track` in the most careful model that leads to the last pose, with motions beside the path and without.
+
+        Where none does, on from the furthest pose that one leads to, as long as that is some way.
+        """
         found, q = [np.zeros((0, len(q_start)))], np.asarray(q_start, dtype=float)
         done = 0
         while True:
+            furthest = None
             for lane in range(len(self._worlds)):
-                for aside in (self.aside, Aside(0.0, 0.0, 0.0)):
+                for aside in (self.aside, STILL):
                     last = self.track(poses[done:], q, lane=lane, aside=aside)
-                    if last.complete or len(last.configurations):
-                        break
-                else:
-                    continue
-                break
-            found.append(last.configurations)
-            done += len(last.configurations)
-            if last.complete or not len(last.configurations):
-                return replace(last, configurations=np.concatenate(found))
-            q = last.configurations[-1]
+                    if last.complete:
+                        return replace(last, configurations=np.concatenate([*found, last.configurations]))
+                    if furthest is None or len(last.configurations) > len(furthest.configurations):
+                        furthest = last
+            assert furthest is not None
+            found.append(furthest.configurations)
+            if not len(furthest.configurations):
+                return replace(furthest, configurations=np.concatenate(found))
+            done += len(furthest.configurations)
+            q = furthest.configurations[-1]
 
     def manipulability(self, poses: Sequence[Pose], q: Array) -> Array:
         """(k,) sqrt(det(J J^T)) of the coordinates without tolerance at each q (k, n) and its pose; radians weigh 0.3 m."""

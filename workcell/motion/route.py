@@ -143,7 +143,7 @@ class _Search:
         """Steps by the convex solver to the allowed poses that a motion (k, n) has."""
         robot = self.template.robot
         wanted = {
-            id(pose): self.tolerance.nearest(pose, robot.fk(q))
+            id(pose): self.tolerance.allowed(pose, robot, q)
             for pose, q in zip(self.poses, motion, strict=False)
         }
         steps = step_solver(self.solver, budget=STEP_BUDGET, seed=self.seed)

@@ -76,7 +76,7 @@ class LocalSolver:
 
 def accepted(problem: IKProblem, q: Array, tolerance: PathTolerance) -> IKResult | None:
     """The result for `q` (n,), judged at the nearest pose that the tolerance allows; None where the judge refuses it."""
-    pose = tolerance.nearest(problem.target, problem.robot.fk(q))
+    pose = tolerance.allowed(problem.target, problem.robot, q)
     verdict = Verifier(problem if pose is problem.target else replace(problem, target=pose))(q)
     if not verdict.accepted:
         return None
@@ -111,7 +111,7 @@ class Tolerant:
             return self._solver(problem)
         poses = [problem.target]
         if problem.q_reference is not None:
-            poses.insert(0, self._tolerance.nearest(problem.target, problem.robot.fk(problem.q_reference)))
+            poses.insert(0, self._tolerance.allowed(problem.target, problem.robot, problem.q_reference))
         if id(problem.target) in self._wanted:
             poses.insert(0, self._wanted[id(problem.target)])
         poses += nearby_poses(poses[0], self._tolerance, angle=0.6, distance=0.05)

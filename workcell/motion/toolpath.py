@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from workcell.errors import InputError
+from workcell.model.robot import Robot
 from workcell.pose import Array, Pose, axis_angle_to_matrix, read_only, rotation_vector
 
 Axes = Literal["tool", "world"]
@@ -77,6 +78,10 @@ class PathTolerance:
         if self.exact:
             return pose
         return self.moved(pose, np.clip(self.coordinates(pose, actual), -self.box, self.box))
+
+    def allowed(self, pose: Pose, robot: Robot, q: Array) -> Pose:
+        """The allowed pose that is nearest to the robot's tool at q (n,), where the path asks for `pose`."""
+        return pose if self.exact else self.nearest(pose, robot.fk(q))
 
     def moved(self, pose: Pose, x: Array) -> Pose:
         """The pose whose coordinates from `pose` are x (6,)."""

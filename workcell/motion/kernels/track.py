@@ -112,10 +112,14 @@ def _settle(
     n = q.shape[0]
     work = space.work
     error, gap = 1e300, -1e300
+    wished = 0.0
+    for k in range(n):
+        wished = max(wished, abs(space.wish[k]))
     for _iteration in range(ITERATIONS):
         error, gap = look(arm, world, target, box, world.required + LOOK_AHEAD, q, space)
-        if error <= accuracy and gap >= world.required:
+        if error <= accuracy and gap >= world.required and wished < 1e-9:
             return REACHED, error, gap
+        wished = 0.0
         if not program(arm, world, target, box, low, high, space.wish, q, space):
             break
         longest = 0.0

@@ -133,7 +133,7 @@ def test_imperfections_that_make_no_sense(make, message):
 
 
 def test_unknown_names(scene):
-    with pytest.raises(UnknownNameError, match="controller named 'serv'.*did you mean servo"):
+    with pytest.raises(UnknownNameError, match=r"controller named 'serv'.*did you mean servo"):
         Simulation(scene, controller="serv")
     with pytest.raises(UnknownNameError, match="body named 'sawyer/right_l9'"):
         Simulation(scene, imperfections=Imperfections(pulses=(Pulse("sawyer/right_l9", (1, 0, 0), 0, 1),)))

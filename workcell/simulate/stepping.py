@@ -36,7 +36,7 @@ class Settings:
 
     gains: Gains | None = None
     log_s: float = 0.01
-    chunk_s: float = 0.5
+    chunk_s: float = 0.25
     max_error_m: float = 0.01
     max_error_rad: float = 0.1
     stop_on_contact: bool = True

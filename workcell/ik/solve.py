@@ -147,7 +147,7 @@ def _portfolio() -> tuple[Stage, ...]:
     branch, inside = _Resumed(), _Inside()
     return (
         Stage("elementary", _elementary, seconds=0.0),
-        Stage("hjcd", _hjcd, seconds=0.001),
+        Stage("hjcd", _hjcd, seconds=0.002),
         Stage("branch", branch, seconds=0.01),
         Stage("hjcd", _hjcd, seconds=0.004),
         Stage("branch", branch, seconds=0.06),

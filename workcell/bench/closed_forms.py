@@ -84,8 +84,12 @@ def parallel_arm(robot: Robot, target: Pose) -> Array:
             for q3 in _roots_distance(s.z[2], s.o[2], s.o[3], s.o[1], float(np.linalg.norm(elbow - s.o[1]))):
                 q2 = _angle(side, _apply(s.turn(2, q3), s.o[3]) - s.o[1], elbow - s.o[1])
                 rest = np.linalg.inv(s.turn(1, q2) @ s.turn(2, q3)) @ planar
-                x = np.cross(side, s.z[4])
-                found.append(np.array([q1, q2, q3, _angle(s.z[3], x, rest[:3, :3] @ x), q5, q6]))
+                x: Array = np.cross(side, s.z[4])
+                found.append(
+                    np.array(
+                        [q1, q2, q3, _angle(s.z[3], x, np.asarray(rest[:3, :3] @ x, dtype=float)), q5, q6]
+                    )
+                )
     return s.reaching(found, motion)
 
 

@@ -56,9 +56,11 @@ class Worker:
         if self.tree.counts[1] + _CHUNK > len(self.tree.nodes):
             more = np.empty_like(self.tree.nodes)
             self.tree = self.tree._replace(nodes=np.concatenate([self.tree.nodes, more]))
-        return search.run(
-            arrays.chain, arrays.world, arrays.root, self._state, self._sweep, self.tree, reached, _CHUNK
+        state, sweep = self._state, self._sweep
+        outcome: int = search.run(
+            arrays.chain, arrays.world, arrays.root, state, sweep, self.tree, reached, _CHUNK
         )
+        return outcome
 
     def give(self) -> Worker:
         """A worker for the lowest box of the stack, which is the largest."""

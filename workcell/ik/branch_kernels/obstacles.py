@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from workcell.ik.branch_kernels.linear import spread
+from workcell.ik.branch_kernels.elimination import spread
 from workcell.ik.branch_kernels.motion import arm, ball_radius
 from workcell.ik.branch_kernels.state import SLACK, Chain, State, inner, kernel
 from workcell.ik.branch_kernels.world import BOX, World, signed_distance, to_local
@@ -28,7 +28,7 @@ class Sweep(NamedTuple):
     Attributes:
         ball: (4,) point and radius.
         ends: (2, 3) ends of the segment.
-        noise: (6 + N, 3) shifts on top: six times the linear step's noise (see `linear.spread`), then one for each
+        noise: (6 + N, 3) shifts on top: six times the linear step's noise (see `elimination.spread`), then one for each
             joint, times a number in [-1, 1].
         rest: (3,) radius of what remains; from which end of the chain; 1 once the segment has been computed.
     """

@@ -87,10 +87,10 @@ def contract_once(chain: Chain, state: State) -> int:
 @inner
 def _is_small(state: State) -> bool:
     """Whether the box is small enough that one more look at the obstacles costs less than contracting it further."""
+    widest = 0.0
     for k in range(state.lower.shape[0]):
-        if state.upper[k] - state.lower[k] > SMALL:
-            return False
-    return True
+        widest = max(widest, state.upper[k] - state.lower[k])
+    return widest <= SMALL
 
 
 @inner

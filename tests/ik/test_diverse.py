@@ -56,7 +56,7 @@ def test_every_posture_of_an_arm_without_offsets_is_found():
     }
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10**6))
 def test_signs_of_an_arm_without_offsets_are_those_of_its_angles(seed):
     robot = spherical_arm()

@@ -24,6 +24,9 @@ def derivatives(trajectory):
 def assert_smooth_and_within(trajectory, velocity, acceleration):
     use = limit_use(trajectory, velocity, acceleration)
     assert use.kept
+    between = PolynomialMotion.of_trajectory(trajectory)
+    assert np.all(between.largest(1) <= np.asarray(velocity))
+    assert np.all(between.largest(2) <= np.asarray(acceleration))
     qd, qdd = derivatives(trajectory)
     assert np.all(np.abs(qd) <= np.asarray(velocity) * (1 + 1e-6) + 1e-9)
     assert np.all(np.abs(qdd) <= np.asarray(acceleration) * (1 + 1e-3) + 1e-6)

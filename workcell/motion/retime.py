@@ -2,8 +2,8 @@
 
 Three steps. A C2 cubic spline through the waypoints over their joint-space chord length s (`workcell.motion.spline`). The
 fastest s(t) under the limits (`workcell.motion.timing`). A moving average of s(t), which keeps the geometry and makes the
-acceleration continuous. Limits are then verified on a dense evaluation, and the whole motion is slowed down by the small
-factor that is missing.
+acceleration continuous. Limits are then verified on a dense evaluation, and on the quintics that join the samples, and
+the whole motion is slowed down by the small factor that is missing.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from workcell.errors import InputError
 from workcell.model.robot import Robot
 from workcell.motion.dynamics import ChainDynamics, TorqueLimits
 from workcell.motion.path import Path, Trajectory
+from workcell.motion.polynomials import PolynomialMotion
 from workcell.motion.spline import JointSpline, spline_within_limits
 from workcell.motion.timing import PhaseRows, Timing, fastest_squared_speed, phase_grid
 from workcell.pose import Array
@@ -92,12 +93,30 @@ def retime(
     bounds = _Bounds(robot, spline, v_max, a_max, tool_speed, torques)
     timing = _timing(bounds, smoothing_s, dt, grid)
     slower = _HEADROOM * _slowdown(bounds, timing, dt)
+    trajectory = _sampled(spline, timing, slower, dt, robot.name)
+    while (excess := _excess_between_samples(trajectory, v_max, a_max)) > 1.0:
+        # by the factor that is missing, and by one more sample at least
+        slower = max(excess * trajectory.duration, trajectory.duration + dt) / timing.duration
+        trajectory = _sampled(spline, timing, slower, dt, robot.name)
+    return trajectory
+
+
+def _sampled(spline: JointSpline, timing: Timing, slower: float, dt: float, name: str) -> Trajectory:
+    """The motion slowed down by a factor, or by as much more as makes its duration a multiple of `dt`."""
     steps = int(np.ceil(timing.duration * slower / dt - 1e-9))
     slower = steps * dt / timing.duration
     time: Array = dt * np.arange(steps + 1, dtype=float)
     s, sd, sdd = timing.at(time / slower)
     q, qd, qdd = spline.motion(s, sd / slower, sdd / slower**2)
-    return Trajectory(robot.name, time, q, qd, qdd)
+    return Trajectory(name, time, q, qd, qdd)
+
+
+def _excess_between_samples(trajectory: Trajectory, v_max: Array, a_max: Array) -> float:
+    """The slowdown that a trajectory still needs, by bounds on the quintics between its samples."""
+    motion = PolynomialMotion.of_trajectory(trajectory)
+    velocity = float((motion.largest(1).max(axis=0) / v_max).max())
+    acceleration = float((motion.largest(2).max(axis=0) / a_max).max())
+    return max(velocity, float(np.sqrt(acceleration)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,6 +34,8 @@ def run_slsqp(problem: IKProblem, seed: int) -> SlsqpRun:
     from scipy.optimize import minimize
 
     robot = problem.robot
+    # a joint that turns all the way has no bound to be stuck at
+    whole = robot.upper - robot.lower >= 2 * np.pi - 1e-9
     start = robot.random_configuration(np.random.default_rng(seed))
     constraints: list[dict[str, Any]] = []
     if problem.obstacles and problem.cover is not None:
@@ -44,12 +46,15 @@ def run_slsqp(problem: IKProblem, seed: int) -> SlsqpRun:
         settings: dict[str, Any] = {
             "jac": True,
             "method": "SLSQP",
-            "bounds": list(zip(robot.lower, robot.upper, strict=True)),
+            "bounds": [
+                (None, None) if wraps else (lower, upper)
+                for lower, upper, wraps in zip(robot.lower, robot.upper, whole, strict=True)
+            ],
             "constraints": constraints,
             "options": {"maxiter": ITERATIONS, "ftol": 1e-12},
         }
         found = minimize(_cost, start, (problem,), **settings)
-    q = np.clip(found.x, robot.lower, robot.upper)
+    q = np.clip(robot.unwrap(found.x), robot.lower, robot.upper)
     return SlsqpRun(q, time.process_time() - began)
 
 

@@ -22,7 +22,7 @@ def check_certificate(problem: IKProblem, certificate: Certificate) -> str | Non
     if problem.inner is not None and certificate.problem_hash != problem_hash(problem):
         # what is impossible for something inside the real geometry is impossible for the real geometry
         problem = problem.inside() or problem
-    if problem.goal != "pose" and certificate.kind != "branch":
+    if problem.goal != "pose" and certificate.kind not in ("branch", "cidgik"):
         return (
             f"proofs of kind {certificate.kind!r} are about whole poses, the problem about the {problem.goal}"
         )

@@ -8,19 +8,21 @@ of rank d, which are configurations; an empty relaxation (Problem 3) proves that
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from workcell.errors import InputError
 from workcell.ik.certificate import Certificate
 from workcell.ik.cidgik_certificate import certify
-from workcell.ik.cidgik_model import fastest_relaxation_at, relaxation_at, sorted_obstacles
+from workcell.ik.cidgik_finish import polish_query
+from workcell.ik.cidgik_goals import Query
+from workcell.ik.cidgik_model import fastest_relaxation_at, goal_of, relaxation_at, sorted_obstacles
 from workcell.ik.cidgik_proof import Proof, proof_of
 from workcell.ik.cidgik_recover import nearest_turn
 from workcell.ik.cidgik_search import Finished, Search, empty_with_all
 from workcell.ik.elementary import prove_impossible
-from workcell.ik.polish import Polished, polish
+from workcell.ik.polish import polish
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.relaxation import Interval
 from workcell.ik.result import Candidate
@@ -58,7 +60,8 @@ def solve_cidgik(problem: IKProblem, budget: Budget, seed: int = 0, *, local: bo
         return Candidate()
     skeleton, instance, keeper = fastest_relaxation_at(problem)
     try:
-        certificate = prove_impossible(problem)
+        # the elementary bounds are about whole poses
+        certificate = prove_impossible(problem) if problem.goal == "pose" else None
         if certificate is not None:
             return Candidate(certificate=certificate)
         judge = _Judge(problem, interval)
@@ -127,27 +130,27 @@ class _Judge:
 
     def finish(self, q: Array) -> Finished:
         """Two or three Gauss-Newton steps, and the verdict."""
-        return self._judged(polish(self.problem, self._unwrapped(q)))
+        return self._polished(q, steps=10, damping=1e-9)
 
     def descend(self, q: Array) -> Finished:
         """A local search, and the verdict."""
-        return self._judged(
-            polish(self.problem, self._unwrapped(q), steps=LOCAL_STEPS, damping=LOCAL_DAMPING)
-        )
+        return self._polished(q, steps=LOCAL_STEPS, damping=LOCAL_DAMPING)
 
     def prove(self, proof: Proof) -> bool:
         """Keep the proof as a certificate if it holds."""
         self.certificate = certify(self.problem, proof)
         return self.certificate is not None
 
-    def _unwrapped(self, q: Array) -> Array:
-        return nearest_turn(q, self.interval.middle)
-
-    def _judged(self, polished: Polished) -> Finished:
-        if not polished.reaches(self.problem):
-            away = f"{1e3 * polished.position_error:.2g} mm and {polished.rotation_error:.2g} rad"
-            return Finished(polished.q, polished.moved, f"a low-rank point ends {away} from the target")
+    def _polished(self, q: Array, steps: int, damping: float) -> Finished:
+        problem = self.problem
+        if problem.goal == "pose":
+            start = nearest_turn(q, self.interval.middle)
+            now, *_, moved = polish(problem, start, steps=steps, damping=damping)
+        else:
+            within = replace(problem.robot, lower=self.interval.lower, upper=self.interval.upper)
+            query = Query(within, (goal_of(problem),))
+            now, moved = polish_query(query, q, steps=steps, damping=damping)
         if self._verifier is None:
-            self._verifier = Verifier(self.problem)
-        verdict = self._verifier(polished.q)
-        return Finished(polished.q, polished.moved, None if verdict.accepted else verdict.reasons[0])
+            self._verifier = Verifier(problem)
+        verdict = self._verifier(now)
+        return Finished(now, moved, None if verdict.accepted else verdict.reasons[0])

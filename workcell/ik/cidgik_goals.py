@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.errors import InputError
+from workcell.geometry.types import SphereCover
 from workcell.model.robot import Robot
 from workcell.pose import Array, Pose, read_only
 
@@ -117,6 +118,11 @@ class Points:
         return Points(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0))
 
     @staticmethod
+    def of_cover(cover: SphereCover) -> Points:
+        """The spheres of a robot's cover."""
+        return Points(cover.link, cover.centre, cover.radius)
+
+    @staticmethod
     def joints(robot: Robot) -> Points:
         """Each link's origin but the base's, on the axis of the joint that moves it: the paper's p_i."""
         links = np.arange(1, robot.dof + 1)
@@ -139,12 +145,26 @@ class Balls:
         object.__setattr__(self, "radius", read_only(np.asarray(self.radius, dtype=float).reshape(-1)))
         if len(self.centre) != len(self.radius) or not np.all(np.isfinite(self.centre)):
             raise InputError("spheres take as many finite centres as radii", where="spheres")
-        for k, radius in enumerate(self.radius):
-            if not (np.isfinite(radius) and radius > 0):
-                raise InputError(f"the radius is {radius:g} m", where=f"sphere {k}", remedy="a radius > 0")
+        wrong = np.flatnonzero(~(np.isfinite(self.radius) & (self.radius > 0)))
+        if len(wrong):
+            k = int(wrong[0])
+            raise InputError(
+                f"the radius is {self.radius[k]:g} m", where=f"sphere {k}", remedy="a radius > 0"
+            )
 
     def __len__(self) -> int:
         return len(self.radius)
+
+    @staticmethod
+    def of_cover(cover: SphereCover) -> Balls:
+        """The spheres of an obstacle's cover, whose link 0 is the world.
+
+        Raises:
+            InputError: some sphere is on another link.
+        """
+        if np.any(cover.link != 0):
+            raise InputError("obstacles stand in the world, link 0", where="cover")
+        return Balls(cover.centre, cover.radius)
 
     @staticmethod
     def none() -> Balls:

@@ -138,7 +138,7 @@ class Instance:
         if size != self._size:
             self._hand_back()
             self._size = size
-            idle = self.structure.idle.setdefault(size, [])
+            idle = self._idle(size)
             if not idle:
                 self._solver = self._new_solver(A, b, size)
                 return self._solver.solve(q)
@@ -176,9 +176,13 @@ class Instance:
             z[first + K :].reshape(-1, 10),
         )
 
+    def _idle(self, size: int) -> list[ConicSolver]:
+        """Solvers of this shape that no query uses."""
+        return self.structure.idle.setdefault((size, self.D.shape[1]), [])
+
     def _hand_back(self) -> None:
         if self._solver is not None:
-            self.structure.idle.setdefault(self._size, []).append(self._solver)
+            self._idle(self._size).append(self._solver)
         self._solver, self._size = None, -1
 
     def release(self) -> None:

@@ -102,7 +102,7 @@ def _problem_key(problem: IKProblem) -> StructureKey:
     points = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
     if _collides(problem) and problem.cover is not None:
         points = (problem.cover.link, problem.cover.centre)
-    goals = (Goal.posed(problem.robot.default_tool, problem.target),)
+    goals = (goal_of(problem),)
     fixed = None if problem.max_step is not None else interval
     return structure_key(problem.robot, goals, points, fixed)
 
@@ -115,7 +115,7 @@ def relaxation_at(problem: IKProblem) -> tuple[Instance, Keeper | None]:
         InputError: a robot that points and distances can't describe.
     """
     interval = Interval.of(problem)
-    goals = (Goal.posed(problem.robot.default_tool, problem.target),)
+    goals = (goal_of(problem),)
     instance = Instance(structure_of(_problem_key(problem)), goals, interval.middle, interval.half)
     rules, cover = _rules(problem), problem.cover
     if rules is None or cover is None:
@@ -125,12 +125,14 @@ def relaxation_at(problem: IKProblem) -> tuple[Instance, Keeper | None]:
 
 def fastest_relaxation_at(problem: IKProblem) -> tuple[Skeleton, Relaxed, Kept | None]:
     """The skeleton, and the relaxation and workspace in one block or, for long chains, in many; raises likewise."""
-    chordal = chordal_structure_of(_problem_key(problem))
+    chordal = None
+    if problem.self_collision is None:
+        chordal = chordal_structure_of(_problem_key(problem))
     if chordal is None:
         instance, keeper = relaxation_at(problem)
         return instance.structure.skeleton, instance, keeper
     interval = Interval.of(problem)
-    goals = (Goal.posed(problem.robot.default_tool, problem.target),)
+    goals = (goal_of(problem),)
     parts = ChordalInstance(chordal, goals, interval.middle, interval.half)
     rules, cover = _rules(problem), problem.cover
     if rules is None or cover is None:
@@ -139,12 +141,29 @@ def fastest_relaxation_at(problem: IKProblem) -> tuple[Skeleton, Relaxed, Kept |
     return chordal.skeleton, parts, kept
 
 
+def goal_of(problem: IKProblem) -> Goal:
+    """What of the target counts."""
+    tool, target = problem.robot.default_tool, problem.target
+    if problem.goal == "position":
+        return Goal.at(tool, target.position)
+    if problem.goal == "axis":
+        return Goal.pointing(tool, target.position, target.rotation[:, 2])
+    return Goal.posed(tool, target)
+
+
 def _rules(problem: IKProblem) -> Rules | None:
     if not _collides(problem) or problem.cover is None:
         return None
     balls, solids = sorted_obstacles(problem)
-    radius = problem.cover.radius + problem.tolerances.safety_margin
-    return Rules(radius, balls, Balls.none(), pieces=solids)
+    pairs = () if problem.self_collision is None else problem.self_collision.tolist()
+    return Rules(
+        problem.cover.radius,
+        balls,
+        Balls.none(),
+        apart=tuple((int(i), int(j)) for i, j in pairs),
+        pieces=solids,
+        margin=problem.tolerances.safety_margin,
+    )
 
 
 def sorted_obstacles(problem: IKProblem) -> tuple[Balls, tuple[Piece, ...]]:
@@ -164,4 +183,7 @@ def _sorted(obstacles: Sequence[Piece]) -> tuple[Balls, tuple[Piece, ...]]:
 
 
 def _collides(problem: IKProblem) -> bool:
-    return problem.cover is not None and len(problem.cover) > 0 and len(problem.obstacles) > 0
+    if problem.cover is None or not len(problem.cover):
+        return False
+    pairs = 0 if problem.self_collision is None else len(problem.self_collision)
+    return len(problem.obstacles) + pairs > 0

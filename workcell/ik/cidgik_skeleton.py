@@ -209,9 +209,10 @@ def _plan_limits(
         framed.add(chosen)
         for k in [k for k in open_joints if chosen in (int(robot.parents[k]), k + 1)]:
             plan = _limit_plan(robot, k, middle[k], spans, framed)
-            assert plan is not None  # one of its links has a frame now
-            plans[k] = plan
-            open_joints.remove(k)
+            # None: the other link has nothing off the axis, and needs a frame too
+            if plan is not None:
+                plans[k] = plan
+                open_joints.remove(k)
     return tuple(plans[k] for k in joints), framed
 
 

@@ -34,7 +34,14 @@ Key = tuple[Kind, int, int]
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """What points keep, in the world: see `Workspace`. `pieces` are solids of any kind."""
+    """What points keep, in the world: see `Workspace`.
+
+    Attributes:
+        radius: (m,) of the spheres around the points.
+        obstacles, inside, planes, apart: as there.
+        pieces: solids of any kind to keep out of.
+        margin: metres to keep from obstacles and between points.
+    """
 
     radius: Array
     obstacles: Balls
@@ -42,6 +49,7 @@ class Rules:
     planes: tuple[Plane, ...] = ()
     apart: tuple[tuple[int, int], ...] = ()
     pieces: tuple[Piece, ...] = ()
+    margin: float = 0.0
 
 
 class Keeper:
@@ -64,7 +72,7 @@ class Keeper:
             plane_in_base(plane, base, instance.structure.skeleton.plane) for plane in rules.planes
         ]
         self._pieces = ObstacleArrays(rules.pieces) if rules.pieces else None
-        self._needed: Array = rules.obstacles.radius + rules.radius[:, None]
+        self._needed: Array = rules.obstacles.radius + rules.radius[:, None] + rules.margin
         self._lasting: dict[Key, Array] = {}
         self._passing: list[Array] = []
         self.loaded: list[Key | None] = []
@@ -172,7 +180,7 @@ class Keeper:
         difference = self.points[i].copy()
         if kind == "apart":
             difference -= self.points[j]
-            least = radius[i] + radius[j] + spare
+            least = radius[i] + radius[j] + self._rules.margin + spare
             return products(difference, difference), -float(least * abs(least)), (difference, difference)
         if kind == "plane":
             normal, offset = self._planes[j]
@@ -181,7 +189,7 @@ class Keeper:
             return products(difference, constant), -float(offset + radius[i] + spare), (difference, constant)
         if kind == "ball":
             difference[-d:] -= self._centres[j]
-            least = self._rules.obstacles.radius[j] + radius[i] + spare
+            least = self._needed[i, j] + spare
             return products(difference, difference), -float(least * abs(least)), (difference, difference)
         difference[-d:] -= self._inside[j]
         most = max(self._rules.inside.radius[j] - radius[i] - spare, 0.0)
@@ -194,7 +202,7 @@ class Keeper:
             room = np.maximum(rules.inside.radius - rules.radius[:, None], 0.0)
             keys += _worst("inside", room**2 - self._squares(y, self._inside, -np.inf))
         for i, j in rules.apart:
-            if np.linalg.norm(y[i] - y[j]) < rules.radius[i] + rules.radius[j]:
+            if np.linalg.norm(y[i] - y[j]) < rules.radius[i] + rules.radius[j] + rules.margin:
                 keys.append(("apart", i, j))
         for j, plane in enumerate(rules.planes):
             if plane.equal:
@@ -217,7 +225,7 @@ class Keeper:
             return []
         R = self._base.rotation
         distance, gradient = self._pieces.distances_and_gradients(y @ R.T + self._base.position)
-        gap = distance - self._rules.radius[:, None]
+        gap = distance - self._rules.radius[:, None] - self._rules.margin
         gap[~self._movable] = np.inf
         rows = []
         for _, i, j in _worst("ball", gap):

@@ -95,8 +95,9 @@ def solve_hjcd(problem: IKProblem, budget: Budget, seed: int = 0) -> Candidate:
     """Look for a configuration until the budget is spent: CPU seconds of this process, or random restarts.
 
     The first start is `q_reference` where there is one; `max_step` narrows the joint limits. Deterministic for a seed,
-    as far as the budget reaches. Compilation is not charged. `stats["exhausted"]` is 1 where the search ended early because every restart of a long
-    series led to configurations seen before: strong evidence that there is no solution, but no proof.
+    as far as the budget reaches. Compilation is not charged. `stats["exhausted"]` is 1 where the search ended early
+    because every restart of a long series led to configurations seen before: strong evidence that there is no solution,
+    but no proof.
     """
     if budget.cpu_s <= 0:
         return Candidate()

@@ -134,7 +134,7 @@ def _add_rates(frames: Array, T: Array, row: Array, at: int, share: float, out: 
 
 @inner
 def idle_stretch(world: World, T: Array, twist: Array, spare: float, hint: Array) -> float:
-    """Length along a motion over which some sphere surely stays inside an obstacle; 0 where none is inside.
+    """Length along a motion over which some sphere surely stays inside an obstacle or another sphere; 0 where none is.
 
     `twist` (n + 1, 6) is each link's velocity field: linear at the world's origin, angular. A sphere that lies `depth`
     inside and moves with speed v stays inside for depth / v, and short of a clearance of `spare` for (depth +

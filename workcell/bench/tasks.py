@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from workcell.bench import killed, tracking
 from workcell.bench.tables import Bench, Row
 from workcell.errors import WorkcellError
 
@@ -25,7 +26,7 @@ def run_cold(task: str, seed: int) -> dict[str, Any]:
         command = [sys.executable, "-c", "from workcell.cli import main; main()"]
         arguments = ["run", task, "--seed", str(seed), "--out", folder, "--json"]
         environment = {**os.environ, "NUMBA_CACHE_DIR": str(Path(folder) / "numba"), "WORKCELL_CACHE_DIR": ""}
-        began = time.perf_counter()
+        began, spent = time.perf_counter(), _children_cpu()
         finished = subprocess.run(
             [*command, *arguments],
             env=environment,
@@ -40,32 +41,59 @@ def run_cold(task: str, seed: int) -> dict[str, Any]:
         summary: dict[str, Any] = json.loads(finished.stdout)
         return summary | {
             "cold_wall_s": wall,
+            "cold_cpu_s": _children_cpu() - spent,
             "recording_mb": (Path(folder) / f"{task}.rrd").stat().st_size / 1e6,
         }
 
 
-def shelf_grasp(n: int, seed: int, sets: Path | None) -> list[Row]:
-    """Seeds `seed` to `seed + n - 1` of the task, each from a cold process."""
-    runs = [run_cold("shelf_grasp", seed + k) for k in range(n)]
+def _children_cpu() -> float:
+    """CPU seconds of the processes that have ended so far."""
+    times = os.times()
+    return times.children_user + times.children_system
+
+
+TASKS = ("shelf_grasp", "machine_tending", "bin_picking", "dual_arm_carry")
+
+
+def task_row(task: str, n: int, seed: int) -> Row:
+    """Seeds `seed` to `seed + n - 1` of one task, each from a cold process."""
+    runs = [run_cold(task, seed + k) for k in range(n)]
 
     def worst(key: str, sign: float = 1.0) -> float:
-        return float(sign * max(sign * float(run.get(key, np.nan)) for run in runs))
+        values = [run.get(key) for run in runs]
+        return float(sign * max(sign * np.nan if value is None else sign * float(value) for value in values))
 
     planning = [1e3 * float(run["planning_s"]) for run in runs]
-    return [
-        {
-            "row": "sawyer/shelf_grasp/ikspark",
-            "n": n,
-            "success": float(np.mean([run["achieved"] for run in runs])),
-            "planning_ms_mean": float(np.mean(planning)),
-            "planning_ms_max": float(np.max(planning)),
-            "cold_wall_s_max": worst("cold_wall_s"),
-            "max_tracking_error_mm": 1e3 * worst("max_tracking_error_m"),
-            "min_clearance_mm": 1e3 * worst("min_clearance_m", -1.0),
-            "recording_mb": worst("recording_mb"),
-            "paper": None,
-        }
-    ]
+    robots = runs[0]["robot"]
+    return {
+        "row": f"{robots if isinstance(robots, str) else '+'.join(robots)}/{task}/{runs[0]['planner']}",
+        "n": n,
+        "success": float(np.mean([run["achieved"] for run in runs])),
+        "planning_ms_mean": float(np.mean(planning)),
+        "planning_ms_max": float(np.max(planning)),
+        "cold_wall_s_max": worst("cold_wall_s"),
+        "cold_cpu_s_max": worst("cold_cpu_s"),
+        "simulated_s_max": worst("simulated_s"),
+        "max_tracking_error_mm": 1e3 * worst("max_tracking_error_m"),
+        "min_clearance_mm": 1e3 * worst("min_clearance_m", -1.0),
+        "recording_mb": worst("recording_mb"),
+        "paper": None,
+    }
 
 
-BENCHES = [Bench("shelf-grasp", 10, "the whole task from cold processes, one seed each", shelf_grasp)]
+def shelf_grasp(n: int, seed: int, sets: Path | None) -> list[Row]:
+    """The shelf alone."""
+    return [task_row("shelf_grasp", n, seed)]
+
+
+def tasks(n: int, seed: int, sets: Path | None) -> list[Row]:
+    """Every task that handles objects."""
+    return [task_row(task, n, seed) for task in TASKS]
+
+
+BENCHES = [
+    Bench("shelf-grasp", 10, "the whole task from cold processes, one seed each", shelf_grasp),
+    Bench("tasks", 20, "the tasks that handle objects, each seed from a cold process", tasks),
+    *tracking.BENCHES,
+    *killed.BENCHES,
+]

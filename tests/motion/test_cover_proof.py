@@ -168,6 +168,10 @@ def test_quintics_pass_through_the_samples_and_their_bounds_hold(arm7):
     motion = PolynomialMotion.of_trajectory(Trajectory("arm", t, q, qd, qdd))
     for order, values in enumerate((q, qd, qdd)):
         assert np.allclose(motion.at(t, order), values, atol=1e-9)
+    divided = motion.divided(5)
+    assert len(divided) == 5 * len(motion) and divided.duration == pytest.approx(motion.duration)
+    inside = np.linspace(0, 0.999, 400)
+    assert np.allclose(divided.at(inside), motion.at(inside), atol=1e-9)
     for order in (1, 2, 3):
         dense = np.abs(motion.at(np.linspace(0, 0.2 - 1e-12, 500), order)).max(axis=0)
         bound = motion.largest(order)[0]

@@ -24,7 +24,7 @@ def derivatives(trajectory):
 def assert_smooth_and_within(trajectory, velocity, acceleration):
     use = limit_use(trajectory, velocity, acceleration)
     assert use.kept
-    between = PolynomialMotion.of_trajectory(trajectory)
+    between = PolynomialMotion.of_trajectory(trajectory).divided(4)
     assert np.all(between.largest(1) <= np.asarray(velocity))
     assert np.all(between.largest(2) <= np.asarray(acceleration))
     qd, qdd = derivatives(trajectory)

@@ -28,6 +28,8 @@ _HEADROOM = 1.0005
 """Left for what lies between two dense evaluations."""
 _ROUNDS, _CLOSE = 6, 1.02
 """Rounds in which places that exceed a limit after averaging get less of it, and the excess that ends them."""
+_PARTS = 4
+"""Parts of each time step on which the quintics between samples are bounded."""
 _DAMPING_PASSES, _FASTER = 3, 1.2
 """Passes that look for the speeds at which damping acts, and the factor on squared speeds from one to the next."""
 _SMALLEST = 1e-12
@@ -113,7 +115,7 @@ def _sampled(spline: JointSpline, timing: Timing, slower: float, dt: float, name
 
 def _excess_between_samples(trajectory: Trajectory, v_max: Array, a_max: Array) -> float:
     """The slowdown that a trajectory still needs, by bounds on the quintics between its samples."""
-    motion = PolynomialMotion.of_trajectory(trajectory)
+    motion = PolynomialMotion.of_trajectory(trajectory).divided(_PARTS)
     velocity = float((motion.largest(1).max(axis=0) / v_max).max())
     acceleration = float((motion.largest(2).max(axis=0) / a_max).max())
     return max(velocity, float(np.sqrt(acceleration)))

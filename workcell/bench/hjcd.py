@@ -6,6 +6,7 @@ columns were not available to us.
 
 from __future__ import annotations
 
+import importlib.util
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 
 from workcell.bench.reports import cpu_figures
 from workcell.bench.tables import Bench, Row
+from workcell.ik.gpu.solver import warp_devices
 from workcell.ik.hjcdik import solve_batch, solve_two_phase
 from workcell.model.robot import Robot, serial_robot
 from workcell.pose import Array, Pose, matrix_to_quat
@@ -128,15 +130,26 @@ def _throughput_rows(n: int, seed: int, sets: Path | None) -> list[Row]:
     rows = []
     for robot in (panda(), fetch()):
         targets = halton_targets(robot, n, seed)
-        poses = np.array([[*target.position, *target.quat_wxyz] for target in targets])
-        solve_batch(robot, poses[:1], seed=seed)
-        begun = time.process_time()
-        solution = solve_batch(robot, poses, seed=seed)
-        spent = time.process_time() - begun
-        row = _figures(f"{robot.name}/free/hjcd", robot, targets, solution.q, [spent / n])
-        rows.append({**row, "targets_per_s": n / spent, "restarts_mean": solution.restarts / n})
+        rows.append(_together(f"{robot.name}/free/hjcd", robot, targets, seed, None))
         rows.append(_single_calls(robot, targets[:CALLS], seed))
+        if importlib.util.find_spec("warp") is not None:
+            rows += [
+                _together(f"{robot.name}/free/hjcd-warp-{device}", robot, targets, seed, device)
+                for device in warp_devices()
+            ]
     return rows
+
+
+def _together(name: str, robot: Robot, targets: list[Pose], seed: int, device: str | None) -> Row:
+    """All targets in one call, after one that is not measured. Time on a GPU is wall-clock time."""
+    poses = np.array([[*target.position, *target.quat_wxyz] for target in targets])
+    clock = time.process_time if device in (None, "cpu") else time.perf_counter
+    solve_batch(robot, poses[:1], seed=seed, device=device)
+    begun = clock()
+    solution = solve_batch(robot, poses, seed=seed, device=device)
+    spent = clock() - begun
+    row = _figures(name, robot, targets, solution.q, [spent / len(targets)])
+    return {**row, "targets_per_s": len(targets) / spent, "restarts_mean": solution.restarts / len(targets)}
 
 
 def _single_calls(robot: Robot, targets: list[Pose], seed: int) -> Row:

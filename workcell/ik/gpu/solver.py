@@ -190,8 +190,13 @@ def load_warp() -> Any:
     return warp
 
 
+def warp_devices() -> tuple[str, ...]:
+    """Names of the devices that Warp sees, `cpu` among them; InputError where it is not installed."""
+    return tuple(str(device) for device in load_warp().get_devices())
+
+
 def _find_device(warp: Any, name: str) -> Any:
-    known = [str(device) for device in warp.get_devices()]
+    known = warp_devices()
     if name not in (*known, "cuda") or (name == "cuda" and not warp.is_cuda_available()):
         raise InputError(f"there is no device {name!r}", where="device", remedy=f"one of: {', '.join(known)}")
     return warp.get_device(name)

@@ -17,7 +17,7 @@ Blocks = Any
 RANK_GAP = 1e-5
 """Excess rank h(Z), the sum of all eigenvalues but the d largest, below which Z counts as a configuration."""
 LONGEST = 12
-SLOW = 0.8
+SLOW = 0.9
 """An iteration is given up when a step leaves more than this share of the excess rank."""
 
 

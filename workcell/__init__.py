@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from workcell.geometry.engine import ClearanceEngine
     from workcell.geometry.self_collision import self_collision_pairs
     from workcell.geometry.types import FreeSpace, Piece, SphereCover
+    from workcell.ik.diverse import solutions
+    from workcell.ik.hjcd_batch import solve_batch
     from workcell.ik.problem import Budget, IKProblem, Tolerances
     from workcell.ik.result import IKResult, Status
     from workcell.ik.solve import solve
@@ -50,6 +52,8 @@ _HOMES = {
     "FreeSpace": "geometry.types",
     "Piece": "geometry.types",
     "SphereCover": "geometry.types",
+    "solutions": "ik.diverse",
+    "solve_batch": "ik.hjcd_batch",
     "Budget": "ik.problem",
     "IKProblem": "ik.problem",
     "Tolerances": "ik.problem",

@@ -197,3 +197,25 @@ def test_bad_input(planar, planar_cover):
         Upright(0.3, tool_axis=(0, 0, 0))
     with pytest.raises(InputError, match="not among"):
         CoverProver(planar, planar_cover, (), self_pairs=[(0, 99)])
+
+
+def test_sliding_joints():
+    """A carriage with an arm on it: the sphere sits on the sliding axis, and still moves with it."""
+    from dataclasses import replace
+
+    from workcell.model.robot import serial_robot
+
+    joints = [
+        {"name": name, "xyz": xyz, "quat": [1, 0, 0, 0], "axis": axis, "lower": -2.0, "upper": 2.0}
+        for name, xyz, axis in (("slide", [0, 0, 0], [1, 0, 0]), ("turn", [0.1, 0, 0], [0, 0, 1]))
+    ]
+    robot = replace(serial_robot("cart", joints, Pose.identity()), prismatic=np.array([True, False]))
+    cover = SphereCover(np.array([1, 2]), np.array([[0, 0, 0], [0.3, 0, 0]]), np.array([0.05, 0.05]))
+    wall = Piece("wall", "box", Pose.from_xyz([1.0, 0, 0]), [0.1, 1.0, 1.0])
+    prover = CoverProver(robot, cover, [wall])
+    # the tip reaches x = slide + 0.1 + 0.3 cos(turn) + 0.05, the wall begins at 0.9
+    assert prover.path([[0.0, 0.0], [0.449, 0.0]]).proved
+    assert not prover.path([[0.0, 0.0], [0.451, 0.0]]).proved
+    assert prover.path([[0.0, 1.5], [0.7, 1.5]]).proved
+    bound = column_bounds(robot, cover)
+    assert np.allclose(bound, [[0, 0], [1, 0], [1, 0.3]])

@@ -225,5 +225,5 @@ def _column_bounds(robot: Robot, cover: SphereCover) -> Array:
             beyond += float(travel[k + 1])
             bound[link, k] = float(np.hypot(step[0], step[1])) + beyond
             beyond += float(np.linalg.norm(step))
-    bound[:, robot.prismatic] = np.where(bound[:, robot.prismatic] > 0, 1.0, 0.0)
+        bound[link, :link] = np.where(robot.prismatic[:link], 1.0, bound[link, :link])
     return bound

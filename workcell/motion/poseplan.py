@@ -33,6 +33,8 @@ GOALS = 6
 FIRST_ITERATIONS, FIRST_LOOKS = 200_000, 10_000
 """Samples drawn and configurations looked at in the first round, at most: 0.1 s or so. Every further round has twice as
 many. Counts and not times, so that a slower machine finds the same path."""
+SAMPLING = 0.1
+"""CPU seconds of the first round in which sampling may look for goals, before the whole portfolio is asked; then doubled."""
 KEEP = 0.5
 """Share of the clearance that the final proof asks for as its margin."""
 
@@ -143,7 +145,11 @@ class _Query:
         while self.left() > 0 or self.spent["rounds"] == 0:
             self.more_goals()
             if not self.goals:
-                return self.without_goals()
+                # sampling finds nothing: let the whole portfolio say whether the pose can be reached at all
+                result = solve(self.problem, budget=Budget(max(0.7 * self.left(), 0.0)), seed=self.seed)
+                if result.q is None or not self.allowed(result.q):
+                    return self.without_goals(result)
+                self.add_goals([np.array(result.q)])
             goals = np.stack(self.goals)
             scale = int(2 ** self.spent["rounds"])
             self.spent["rounds"] += 1
@@ -176,19 +182,25 @@ class _Query:
             self.problem, tolerances=replace(allowed, safety_margin=allowed.safety_margin + 2 * ROOM)
         )
         for question in (roomy, self.problem):
-            deadline = time.process_time() + 0.3 * max(self.left(), 0.0)
+            deadline = time.process_time() + min(
+                0.3 * max(self.left(), 0.0), SAMPLING * 2 ** self.spent["rounds"]
+            )
             for _ in range(max(GOALS, len(self.goals))):
                 share = deadline - time.process_time()
                 self.goal_seed += 1
                 rows = collect_solutions(question, 1, self.goal_seed, Budget(max(share, 0.0)))
-                self.goals += [q for q in rows if self.allowed(q)]
+                self.add_goals([q for q in rows if self.allowed(q)])
                 if not rows:
                     # what one seed does not find within its share the next would look for in vain
                     break
             if self.goals:
-                gap = float(self.clearance.many(np.stack(self.goals)).min())
-                self.floor = min(self.floor, 0.5 * max(gap, 0.0))
                 return
+
+    def add_goals(self, rows: list[Array]) -> None:
+        """More goal configurations; the clearance to keep on the way is at most half of theirs."""
+        if rows:
+            self.goals += rows
+            self.floor = min(self.floor, 0.5 * max(float(self.clearance.many(np.stack(rows)).min()), 0.0))
 
     def allowed(self, q: Array) -> bool:
         """Whether the tool's orientation limit holds at a goal."""
@@ -196,16 +208,12 @@ class _Query:
             return True
         return self.upright.kept(self.problem.robot, q)
 
-    def without_goals(self) -> PosePlan:
-        """Nothing to plan to: let the whole portfolio say whether the pose can be reached at all."""
-        result = solve(self.problem, budget=Budget(max(self.left(), 0.0)), seed=self.seed)
-        reason = f"no goal configuration: {result.status.sentence}"
+    def without_goals(self, result: IKResult) -> PosePlan:
+        """Nothing to plan to: what the portfolio says."""
         if result.solved:
-            return self.result(
-                Status.NOT_FOUND,
-                None,
-                reason="the only goal configuration found breaks the tool's orientation limit, or came too late",
-            )
+            reason = "every goal configuration found breaks the tool's orientation limit"
+            return self.result(Status.NOT_FOUND, None, reason=reason)
+        reason = f"no goal configuration: {result.status.sentence}"
         return self.result(result.status, None, reason=reason, ik=result)
 
     def proved(self, body: Body, path: Array) -> PosePlan:

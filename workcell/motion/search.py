@@ -77,7 +77,6 @@ def prepare() -> None:
     empty = np.zeros((0, 6)), np.zeros((2, 6)), np.zeros((0, 19)), np.zeros((0, 13))
     alone = np.zeros((0, 2), dtype=np.int64), np.zeros((0, 0), dtype=np.uint8)
     body = entries.Body(np.zeros((3, 13)), np.zeros((3, 1)), *empty, np.zeros((2, 1)), *alone, NO_CONE, 0.0)
-    entries.prove_edges(body, zero, zero, entries.FINEST, np.zeros(1))
     entries.prove_lines(body, np.zeros((2, 1)), 0.5, 1e-6, 10, np.zeros(7))
     entries.gaps(body, zero, 1.0, np.zeros((1, 3)))
     trees = _new_trees(zero[0], zero, 0, 2)
@@ -95,12 +94,9 @@ def search(body: Body, start: Array, goals: ArrayLike, effort: Effort | None = N
     deadline = time.process_time() + effort.cpu_s
     goals = np.ascontiguousarray(goals, dtype=float)
     start = np.ascontiguousarray(start, dtype=float)
-    clear = np.zeros(len(goals))
-    looks = int(entries.prove_edges(body, np.tile(start, (len(goals), 1)), goals, entries.FINEST, clear))
-    direct = np.flatnonzero(clear)
-    if len(direct):
-        goal = int(direct[np.argmin(np.linalg.norm(goals[direct] - start, axis=1))])
-        return Found(np.stack([start, goals[goal]]), goal, 0, len(goals), looks)
+    direct, tried, looks = _straight(body, start, goals)
+    if direct >= 0:
+        return Found(np.stack([start, goals[direct]]), direct, 0, tried, looks)
     trees = _new_trees(start, goals, seed, _FIRST_NODES)
     meeting = np.zeros(2, dtype=np.int64)
     status, done = entries.OPEN, 0
@@ -115,12 +111,26 @@ def search(body: Body, start: Array, goals: ArrayLike, effort: Effort | None = N
             if trees.nodes.shape[1] >= NODES:
                 break
             trees = _roomier(trees)
-    lines, looked = len(goals) + int(trees.tally[entries.EDGES]), looks + int(trees.tally[entries.LOOKS])
+    lines, looked = tried + int(trees.tally[entries.EDGES]), looks + int(trees.tally[entries.LOOKS])
     if status != entries.JOINED:
         return Found(None, -1, done, lines, looked)
     path, goal = _branches(trees, meeting)
     path, more = shorten(body, path, effort, seed)
     return Found(path, goal, done, lines + int(more[0]), looked + int(more[1]))
+
+
+def _straight(body: Body, start: Array, goals: Array) -> tuple[int, int, int]:
+    """The nearest goal that a straight line reaches (-1: none), and the lines and configurations that took."""
+    entries, out = kernels(), np.empty(7)
+    looks = 0
+    order = np.argsort(np.linalg.norm(goals - start, axis=1))
+    for tried, goal in enumerate(order, start=1):
+        ends = np.stack([start, goals[goal]])
+        code = entries.prove_lines(body, ends, 0.0, entries.FINEST, entries.MOST, out)
+        looks += int(out[6])
+        if code == entries.PROVED:
+            return int(goal), tried, looks
+    return -1, len(goals), looks
 
 
 def shorten(body: Body, path: Array, effort: Effort, seed: int = 0) -> tuple[Array, NDArray[np.int64]]:

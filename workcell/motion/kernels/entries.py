@@ -2,10 +2,21 @@
 
 from workcell.motion.kernels.body import Body
 from workcell.motion.kernels.curve import prove_curves
-from workcell.motion.kernels.line import BLOCKED, PROVED, SPENT, TIGHT, gaps, prove_edges, prove_lines
+from workcell.motion.kernels.line import BLOCKED, PROVED, SPENT, TIGHT, gaps, prove_lines
 from workcell.motion.kernels.shorten import shorten
 from workcell.motion.kernels.steps import CONE
-from workcell.motion.kernels.tree import EDGES, FINEST, FULL, ITERATIONS, JOINED, LOOKS, OPEN, Trees, grow
+from workcell.motion.kernels.tree import (
+    EDGES,
+    FINEST,
+    FULL,
+    ITERATIONS,
+    JOINED,
+    LOOKS,
+    MOST,
+    OPEN,
+    Trees,
+    grow,
+)
 
 __all__ = [
     "BLOCKED",
@@ -16,6 +27,7 @@ __all__ = [
     "ITERATIONS",
     "JOINED",
     "LOOKS",
+    "MOST",
     "OPEN",
     "PROVED",
     "SPENT",
@@ -25,7 +37,6 @@ __all__ = [
     "gaps",
     "grow",
     "prove_curves",
-    "prove_edges",
     "prove_lines",
     "shorten",
 ]

@@ -116,18 +116,6 @@ def prove_lines(body: Body, points: Array, keep: float, finest: float, most: int
 
 
 @kernel
-def prove_edges(body: Body, a: Array, b: Array, finest: float, clear: Array) -> int:
-    """For k lines from rows of a to rows of b (k, n): clear[i] = 1 where proved; returns configurations looked at."""
-    work = room(a.shape[1], INTERVALS)
-    looks = 0
-    for i in range(a.shape[0]):
-        verdict = prove_line(body, a[i], b[i], 0.0, body.floor, finest, 4000, work)
-        clear[i] = verdict.code == PROVED
-        looks += verdict.looks
-    return looks
-
-
-@kernel
 def gaps(body: Body, q: Array, limit: float, out: Array) -> None:
     """For configurations q (k, n) into out (k, 3): the smallest clearance, and its pair as in `Steps`.
 

@@ -39,7 +39,7 @@ from workcell.simulate.simulation import Simulation
 
 TRACKING_ROOM = 0.001
 """Metres that a timed motion keeps clear: the tracking error that the simulation may have."""
-MOVING = PlanSettings(clearance=0.002)
+MOVING = PlanSettings(clearance=0.002, iterations=6000)
 """How joint motions between two configurations are planned."""
 PLANNERS = ("ikspark", "cidgik", "auto")
 
@@ -146,6 +146,7 @@ class Job:
             world.problem(poses[0]),
             poses,
             q_start,
+            q_near=world.robot.start,
             tolerance=tolerance,
             limits=limits,
             solver=self.planner,

@@ -85,7 +85,7 @@ def test_a_blocked_target_is_blocked_in_reality_and_says_why(world: PlanningWorl
     assert check_certificate(problem, result.certificate) is None
     elsewhere = world.problem(Pose.from_xyz([0.7, 0.01, 0.5]))
     assert check_certificate(elsewhere, result.certificate) is not None
-    why = explain(problem, result, without=world.relaxed)
+    why = explain(problem, result)
     assert [cause.name for cause in why.causes] == ["block"]
     assert why.solution is not None
     assert world.clearance(np.array(why.solution)).distance < 0

@@ -34,7 +34,9 @@ def run(options: argparse.Namespace) -> int:
     else:
         conditions = result.summary.get("conditions", {})
         rows = [
-            (key, value) for key, value in result.summary.items() if key not in ("sentence", "conditions")
+            (key, value)
+            for key, value in result.summary.items()
+            if key not in ("sentence", "conditions", "why")
         ]
         rows += [(name, "yes" if holds else "NO") for name, holds in conditions.items()]
         print_table(f"{result.summary['task']}: {result.sentence}", ["", "value"], rows)

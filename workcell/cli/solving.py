@@ -26,12 +26,11 @@ def ik(options: argparse.Namespace) -> int:
 
     check_solver_name(options.solver)
     target = Pose(np.array(options.pose[:3]), np.array(options.pose[3:]))
-    world = _world(options)
-    problem = world.problem(target)
+    problem = _world(options).problem(target)
     result = solve(problem, solver=options.solver, budget=Budget(options.budget_s), seed=options.seed)
     why = None
     if result.status.is_proof and not options.no_why:
-        why = explain(problem, result, without=world.relaxed, seed=options.seed)
+        why = explain(problem, result, seed=options.seed)
     if options.json:
         print_json({**_result_json(problem, result), "why": None if why is None else why.to_json()})
     else:

@@ -13,13 +13,15 @@ from numpy.typing import NDArray
 from workcell.geometry.engine import ClearanceEngine
 from workcell.geometry.self_collision import self_collision_pairs
 from workcell.geometry.types import SphereCover
-from workcell.ik.problem import Budget, Clearance, IKProblem
+from workcell.ik.problem import Budget, Clearance, Goal, IKProblem
 from workcell.ik.verify import Verifier
 from workcell.pose import Array, Pose, read_only, rotation_vector
 
 RADIANS_A_METRE = 10.0
 """How a turn compares with a shift: 0.1 rad off are as bad as 1 cm off."""
-_STARTS, _ITERATIONS = 24, 80
+_DRAWN, _STARTS, _ITERATIONS = 4000, 24, 80
+_COLLIDES = 1e3
+"""What a collision adds to the cost of a start: those come last."""
 _FAR = 0.3
 """Metres beyond which a distance does not matter."""
 _HAIR = 1e-6
@@ -61,27 +63,27 @@ def closest_pose(
 ) -> ClosestPose | None:
     """The best of several local searches for the clear pose nearest to the target; nearest as `RADIANS_A_METRE` weighs.
 
-    Minimises the squared pose error under limits and the cover's clearances (SLSQP) from configurations `near` (n,), from
+    Minimises the squared pose error, at once and after that of the position, under limits and the cover's clearances (SLSQP), from configurations `near` (n,), from
     `q_reference` and from random ones. What the judge refuses is left out. No proof: there may be a nearer one.
 
     Returns:
-        None when no start led to a configuration that the judge accepts but for its pose.
+        None when no start led, in the budget, to a configuration that the judge accepts but for its pose.
     """
     deadline = time.process_time() + (budget or Budget(1.0)).cpu_s
     search = _Search(problem)
-    rng = np.random.default_rng(seed)
-    starts = list(problem.robot.random_configuration(rng, _STARTS))
+    starts = list(search.starts(np.random.default_rng(seed)))
     if problem.q_reference is not None:
         starts.insert(0, problem.q_reference)
     starts = [*near, *starts]
     best: tuple[float, ClosestPose] | None = None
     for start in starts:
-        if best is not None and time.process_time() > deadline:
+        if time.process_time() > deadline:
             break
-        found = search.judged(search.descend(start))
-        if found is not None:
-            cost = _cost(found.position_error, found.rotation_error)
-            best = (cost, found) if best is None or cost < best[0] else best
+        for q in search.descents(start):
+            found = search.judged(q)
+            if found is not None:
+                cost = _cost(found.position_error, found.rotation_error)
+                best = (cost, found) if best is None or cost < best[0] else best
     return None if best is None else best[1]
 
 
@@ -100,13 +102,35 @@ class _Search:
         cover = problem.cover
         self._engine: ClearanceEngine | None = None
         if cover is not None and (cover.link > 0).any():
-            self._engine = ClearanceEngine(problem.robot, cover, problem.obstacles, _pairs(problem, cover))
+            pairs = _pairs(problem, cover)
+            self._engine = ClearanceEngine(problem.robot, cover, problem.obstacles, pairs)
             self._moving = np.flatnonzero(cover.link > 0)
+            links = np.zeros((0, 2)) if pairs is None else cover.link[pairs]
+            _, which = np.unique(links, axis=0, return_inverse=True)
+            self._link_pairs = [np.flatnonzero(which == k) for k in range(which.max(initial=-1) + 1)]
         # any pose will do, as long as limits and clearance are kept
         self._judge = Verifier(replace(problem, inner=None))
 
-    def descend(self, start: Array) -> Array:
-        """Where the pose error is smallest near a start, within limits and clear of obstacles in the model."""
+    def starts(self, rng: np.random.Generator) -> Array:
+        """Configurations (s, n) to begin at: of many random ones those that are clear, nearest to the target first."""
+        robot, target = self.problem.robot, self.problem.target
+        drawn = np.clip(robot.random_configuration(rng, _DRAWN), self.lower, self.upper)
+        T = robot.fk_transform(drawn)
+        shift = np.linalg.norm(T[:, :3, 3] - target.position, axis=1)
+        turn = np.linalg.norm(rotation_vector(T[:, :3, :3] @ target.rotation.T), axis=1)
+        cost = shift**2 + (turn / RADIANS_A_METRE) ** 2
+        if self._engine is not None:
+            cost += _COLLIDES * (self._engine.clearances(drawn) < self.problem.tolerances.safety_margin)
+        return drawn[np.argsort(cost, kind="stable")[:_STARTS]]
+
+    def descents(self, start: Array) -> tuple[Array, Array]:
+        """Where the pose error is smallest near a start, and near where the position's error is."""
+        goal = self.problem.goal
+        there = self._descend(start, "position")
+        return self._descend(start, goal), self._descend(there, goal)
+
+    def _descend(self, start: Array, goal: Goal) -> Array:
+        """Where the error of a goal is smallest near a start, within limits and clear of obstacles in the model."""
         from scipy.optimize import minimize
 
         constraints: Any = []
@@ -115,7 +139,7 @@ class _Search:
         found = minimize(
             self._error,
             np.clip(start, self.lower, self.upper),
-            (),
+            (goal,),
             jac=True,
             method="SLSQP",
             bounds=list(zip(self.lower, self.upper, strict=True)),
@@ -138,12 +162,12 @@ class _Search:
         pose = self.problem.robot.fk(q)
         return ClosestPose(q, pose, verdict.position_error, verdict.rotation_error, verdict.clearance)
 
-    def _error(self, q: Array) -> Any:
+    def _error(self, q: Array, goal: Goal) -> Any:
         """The squared pose error and its gradient (n,)."""
         robot, target = self.problem.robot, self.problem.target
         pose, J = robot.fk(q), robot.jacobian(q)
         shift = pose.position - target.position
-        turn = _turn(self.problem, pose) / RADIANS_A_METRE
+        turn = _turn(self.problem.target, pose, goal) / RADIANS_A_METRE
         gradient: Array = 2 * (shift @ J[:3] + turn @ J[3:] / RADIANS_A_METRE)
         return float(shift @ shift + turn @ turn), gradient
 
@@ -154,22 +178,26 @@ class _Search:
         return self._gaps(q)[1]
 
     def _gaps(self, q: Array) -> tuple[Array, Array]:
-        """Distances of moving spheres to obstacles and between pairs, and their slopes; what is far away is constant."""
+        """Smallest distances and their slopes: of each moving sphere to obstacles, of each pair of links to each other.
+
+        What is far away is constant.
+        """
         assert self._engine is not None
         gap, slope, _ = self._engine.sphere_clearances_and_gradients(q)
         own, own_slope = self._engine.self_clearances_and_gradients(q)
-        gaps = np.concatenate([gap[self._moving], own])
-        slopes = np.vstack([slope[self._moving], own_slope])
+        nearest = [int(rows[np.argmin(own[rows])]) for rows in self._link_pairs]
+        gaps = np.concatenate([gap[self._moving], own[nearest]])
+        slopes = np.vstack([slope[self._moving], own_slope[nearest]])
         return np.minimum(gaps, _FAR), np.where((gaps < _FAR)[:, None], slopes, 0.0)
 
 
-def _turn(problem: IKProblem, pose: Pose) -> Array:
+def _turn(target: Pose, pose: Pose, goal: Goal) -> Array:
     """Axis times angle (3,) from the target's rotation to the tool's, as far as the goal asks for it."""
-    if problem.goal == "position":
+    if goal == "position":
         return np.zeros(3)
-    if problem.goal == "pose":
-        return rotation_vector(pose.rotation @ problem.target.rotation.T)
-    wanted, is_now = problem.target.rotation[:, 2], pose.rotation[:, 2]
+    if goal == "pose":
+        return rotation_vector(pose.rotation @ target.rotation.T)
+    wanted, is_now = target.rotation[:, 2], pose.rotation[:, 2]
     across = np.cross(wanted, is_now)
     sine = float(np.linalg.norm(across))
     angle: Array = np.arctan2(sine, float(wanted @ is_now)) * across / max(sine, 1e-12)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from typing import Literal, Protocol, get_args
 
@@ -101,6 +101,8 @@ class IKProblem:
         self_collision: (p, 2) pairs of the cover's spheres that must keep clear of each other; None: none.
         inner: turns this question into one about a model inside the geometry that `checker` knows (a cover of kind `inner`
             among obstacles that collide with all of it), for proofs that hold of that geometry; None: there is none.
+        without: turns this question into one with some obstacles (by name) out of the way, for `checker` too; None: it is
+            enough to leave out their pieces.
     """
 
     robot: Robot
@@ -117,6 +119,7 @@ class IKProblem:
     goal: Goal = "pose"
     self_collision: NDArray[np.int64] | None = None
     inner: Callable[[IKProblem], IKProblem] | None = None
+    without: Callable[[IKProblem, Collection[str]], IKProblem] | None = None
 
     def __post_init__(self) -> None:
         if self.goal not in get_args(Goal):

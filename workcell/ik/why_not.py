@@ -8,7 +8,7 @@ every other: with a verified configuration or a proof.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,9 +21,6 @@ from workcell.ik.closest import ClosestPose, closest_pose
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import IKResult, Status
 from workcell.ik.solve import solve
-
-Without = Callable[[IKProblem, Collection[str]], IKProblem]
-"""The question with some obstacles (by name) out of the way."""
 
 _STEP_S = 1.0
 """CPU seconds for deciding one step at most."""
@@ -52,6 +49,7 @@ class Explanation:
         causes: a smallest set (by number where one alone is enough, else such that none of it can stay) whose removal makes
             the query possible; empty when nothing that was tried does.
         alternatives: other single causes whose removal alone does as well.
+        pieces: the obstacles among the causes.
         undecided: steps that ended neither in a configuration nor in a proof: the set may be smaller than it is.
         solution: (n,) a configuration that is verified once the causes are gone; None without causes.
         closest: the nearest pose that is possible as things are, or None.
@@ -61,6 +59,7 @@ class Explanation:
     status: Status
     causes: tuple[Cause, ...]
     alternatives: tuple[Cause, ...]
+    pieces: tuple[Piece, ...]
     undecided: int
     solution: tuple[float, ...] | None
     closest: ClosestPose | None
@@ -77,7 +76,10 @@ class Explanation:
             words = f"it would be possible without {_listed(self.causes)}"
             if self.alternatives:
                 words += f", or instead without {_listed(self.alternatives, 'or')}"
-        return words + (f"; {self.closest.sentence}" if self.closest is not None else "")
+        nearest = (
+            "no clear configuration was found near it" if self.closest is None else self.closest.sentence
+        )
+        return f"{words}; {nearest}"
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
@@ -106,7 +108,6 @@ def explain(
     problem: IKProblem,
     result: IKResult,
     *,
-    without: Without | None = None,
     budget: Budget | None = None,
     seed: int = 0,
 ) -> Explanation:
@@ -115,7 +116,6 @@ def explain(
     Args:
         problem: the query.
         result: its answer, no configuration.
-        without: makes the query without some obstacles where a compiled model judges; None: leaves out their pieces.
         budget: CPU seconds in total; default 10 s.
         seed: of the solvers.
 
@@ -126,7 +126,7 @@ def explain(
         raise InputError(
             "this query is SOLVED", where="result", remedy="ask why only where there is no solution"
         )
-    steps = _Steps(problem, without or _without_pieces, budget or Budget(10.0), seed)
+    steps = _Steps(problem, budget or Budget(10.0), seed)
     causes: tuple[Cause, ...]
     alternatives: tuple[Cause, ...] = ()
     singles = [cause for cause in steps.candidates(result.certificate) if steps.possible((cause,))]
@@ -136,15 +136,19 @@ def explain(
     else:
         causes = steps.deleted()
     found = steps.solution_without(causes)
-    closest = closest_pose(problem, Budget(1.0), seed, near=() if found is None else (np.array(found),))
-    return Explanation(result.status, causes, alternatives, steps.undecided, found, closest, steps.count)
+    closest = closest_pose(problem, Budget(2.0), seed, near=() if found is None else (np.array(found),))
+    blamed = {cause.name for cause in causes if cause.kind == _OBSTACLE}
+    pieces = tuple(piece for piece in problem.obstacles if obstacle_name(piece) in blamed)
+    return Explanation(
+        result.status, causes, alternatives, pieces, steps.undecided, found, closest, steps.count
+    )
 
 
 class _Steps:
     """The queries on the way, each decided once."""
 
-    def __init__(self, problem: IKProblem, without: Without, budget: Budget, seed: int) -> None:
-        self._problem, self._without, self._seed = problem, without, seed
+    def __init__(self, problem: IKProblem, budget: Budget, seed: int) -> None:
+        self._problem, self._seed = problem, seed
         self._deadline = time.process_time() + budget.cpu_s
         self._known: dict[frozenset[Cause], IKResult] = {}
         self.undecided = 0
@@ -194,7 +198,7 @@ class _Steps:
         problem = self._problem
         names = {cause.name for cause in causes if cause.kind == _OBSTACLE}
         if names:
-            problem = self._without(problem, names)
+            problem = (problem.without or _without_pieces)(problem, names)
         joints = {cause.name for cause in causes if cause.kind == _LIMIT}
         if joints:
             problem = _unlimited(problem, joints)

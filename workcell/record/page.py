@@ -116,7 +116,7 @@ def _film(review: Review) -> list[str]:
     )
     times = times if review.duration > 0 else times[:1]
     studio = Studio(review.stage, choose_cameras(review.stage, *_FRAME)[0], smooth=False)
-    frames = [_jpeg(studio.picture(float(time))) for time in times]
+    frames = [_jpeg(studio.picture(float(time), ("why",))) for time in times]
     data = json.dumps({"times": [round(float(t), 4) for t in times], "frames": frames})
     lines = [
         f'<li class="{line.level}" data-time="{line.time:.4f}">{line.time:.2f} s&ensp;{escape(line.text)}</li>'

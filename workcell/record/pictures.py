@@ -31,6 +31,7 @@ _COLUMNS = 3
 _TILE = (480, 360)
 _LABEL_OFFSETS = ((16, 15), (16, -17), (-38, 15), (-38, -17))
 _VIEW = (800, 600)
+_BLAMED = "#d03030"
 _BANNER = {"achieved": "#2e7d32", "not achieved": "#b3261e", "incomplete": "#b7791f"}
 
 
@@ -127,10 +128,10 @@ def contact_sheet(review: Review) -> Figure:
         sheet.text(left + 74, top + 14, _shortened(moment.caption, 52), size=12)
         for below, studio in enumerate(studios):
             corner = (left, top + 28 + below * (height + 4))
-            sheet.tile(studio.picture(moment.time), corner)
+            sheet.tile(studio.picture(moment.time, ("why",)), corner)
             for k, (name, path) in enumerate(review.stage.object_paths().items()):
                 sheet.label(name, studio.place(review.stage.pose(path, moment.time).position), corner, k)
-    sheet.legend()
+    sheet.legend(any(thing.kind == "why" for thing in review.stage.things))
     return sheet.figure
 
 
@@ -257,13 +258,17 @@ class _Sheet:
         ]
         self.text(14, 68, _shortened("   ·   ".join(facts), 190), size=12.5)
 
-    def legend(self) -> None:
+    def legend(self, blamed: bool) -> None:
         """What the lines mean."""
         y, x = self.height - 20, 14
         for rgb, words in ((PLAN_RGB, "planned path of the tool"), (TRACE_RGB, "executed so far")):
             self._page.plot([x, x + 34], [y, y], color=rgb, lw=3)
             self.text(x + 44, y, words, size=12)
             x += 250
+        if blamed:
+            self._page.plot([x, x + 34], [y, y], color=_BLAMED, lw=6, alpha=0.6)
+            self.text(x + 44, y, "in the way; orange: as near as it gets", size=12)
+            x += 330
         self.text(x, y, "faint where something is in front; above: overview, below: close-up", size=12)
 
     def _fit(self) -> None:

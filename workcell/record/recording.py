@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from workcell.errors import InputError, OutputError
-from workcell.geometry.types import FreeSpace, SphereCover
+from workcell.geometry.types import FreeSpace, Piece, SphereCover
+from workcell.model.robot import Robot
 from workcell.model.scene import Goal, Scene, SceneRobot
 from workcell.pose import Array, Pose
 from workcell.record import scenery
 from workcell.record.blueprint import make_blueprint
 from workcell.record.rrd import RrdWriter, entity, writing
-from workcell.record.shapes import polytope_shape
+from workcell.record.shapes import piece_shape, polytope_shape
 from workcell.record.summary import to_json
 from workcell.record.tracks import BodyPoses, Track
 
@@ -35,13 +36,15 @@ FORMAT = 1
 LEVELS = ("INFO", "WARN", "ERROR")
 JOINT_POSITIONS = "joint_positions"
 
-_CHUNK_S = 1.0
+_CHUNK_S = 0.45
 _CHUNK_WALL_S = 0.8
 _PLAN_RGBA = (0.15, 0.45, 0.95, 1.0)
 _TRACE_RGBA = (0.95, 0.55, 0.05, 1.0)
 _SPHERE_RGBA = (0.20, 0.60, 0.85, 0.35)
 _NEAREST_RGBA = (0.90, 0.10, 0.15, 1.0)
 _OBSTACLE_RGBA = (0.36, 0.42, 0.48, 0.25)
+_BLAME_RGBA = (0.90, 0.10, 0.10, 0.55)
+_CLOSEST_RGBA = (0.95, 0.60, 0.10, 0.35)
 _FREE_RGBA = (0.25, 0.75, 0.35, 0.12)
 
 
@@ -58,7 +61,8 @@ class _Buffer:
 class Recording:
     """An `.rrd` file being written. Use it as a context manager.
 
-    Rows are handed to the operating system about once a second, so that a killed process leaves a readable file.
+    Rows are handed to the operating system twice a simulated second, and at least about once a second of the clock, so that
+    a killed process leaves a readable file.
     While it is open the file is `<name>.partial.rrd`; `close` writes the finished one to `path`. A run that ends with
     an exception keeps the partial file, with the failure as its last event: an earlier recording at `path` is intact.
 
@@ -198,6 +202,26 @@ class Recording:
         self._writer.log_spheres(
             "world/obstacle_spheres/all", cover.centre, cover.radius, _OBSTACLE_RGBA, "world"
         )
+        self.flush()
+
+    def log_blame(
+        self, pieces: Sequence[Piece], robot: Robot, cover: SphereCover, closest: Array | None
+    ) -> None:
+        """Why a query has no solution: the obstacles in the way, and the robot as near to the target as it gets.
+
+        Args:
+            pieces: the obstacles, in the world frame.
+            robot, cover: who asked; spheres in link frames.
+            closest: (n,) the configuration nearest to the target; None: unknown.
+        """
+        for piece in pieces:
+            shape = piece_shape(piece, np.array(_BLAME_RGBA), grown=0.002)
+            self._writer.log_shape(f"world/why/{entity('blocked_by', piece.name)}", shape)
+        if closest is not None:
+            moving = cover.link > 0
+            centres = cover.centres_world(robot.link_transforms(closest))[moving]
+            path = f"world/why/{entity('closest', robot.name)}"
+            self._writer.log_spheres(path, centres, cover.radius[moving], _CLOSEST_RGBA, "world")
         self.flush()
 
     def log_goal(self, goal: Goal) -> None:

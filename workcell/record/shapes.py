@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -13,7 +13,8 @@ from workcell.pose import Array, Pose
 if TYPE_CHECKING:
     import mujoco
 
-    from workcell.geometry.types import FreePolytope
+    from workcell.geometry.polytope import Polytope
+    from workcell.geometry.types import FreePolytope, Piece
 
 ShapeKind = Literal["box", "ellipsoid", "capsule", "cylinder", "plane", "mesh"]
 
@@ -53,7 +54,24 @@ def polytope_shape(polytope: FreePolytope, rgba: Array) -> Shape:
     """A polytope of free space as a mesh in the world frame, flat on its sides."""
     from workcell.geometry.iris import solid_of
 
-    solid = solid_of(polytope)
+    return _flat_mesh(solid_of(polytope), rgba)
+
+
+def piece_shape(piece: Piece, rgba: Array, grown: float = 0.0) -> Shape:
+    """A piece as a mesh in its outer frame, flat on its sides, a little larger so that it hides what it stands for."""
+    from workcell.geometry.polytope import polytope_of
+
+    if piece.kind == "halfspace":
+        size = np.array([PLANE_HALF_SIZE, PLANE_HALF_SIZE, 0.0])
+        return Shape(piece.name, "plane", size, piece.pose, rgba)
+    solid = polytope_of(piece)
+    middle = solid.vertices.mean(axis=0)
+    reach = np.linalg.norm(solid.vertices - middle, axis=1).max()
+    larger = replace(solid, vertices=middle + (1.0 + grown / reach) * (solid.vertices - middle))
+    return _flat_mesh(larger, rgba)
+
+
+def _flat_mesh(solid: Polytope, rgba: Array) -> Shape:
     corners = solid.vertices[solid.triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     inward = np.einsum("ij,ij->i", normal, corners.mean(axis=1) - solid.vertices.mean(axis=0)) < 0

@@ -50,7 +50,7 @@ class Stage:
     """Everything drawable in a recording.
 
     Attributes:
-        things: solids; `kind` is robots, objects, obstacles, spheres, obstacle_spheres or free_space.
+        things: solids; `kind` is robots, objects, obstacles, spheres, obstacle_spheres, free_space or why.
         motions: by entity path, of all that has a transform.
         plans, traces: by robot: planned points (k, 3); executed (times (T,), points (T, 3)).
         goals: pose by name.
@@ -153,8 +153,8 @@ def _carrier(entity: Entity) -> str | None:
 
 
 def _kind(names: list[str]) -> str:
-    if names[1:2] == ["obstacle_spheres"]:
-        return "obstacle_spheres"
+    if names[1:2] in (["obstacle_spheres"], ["why"]):
+        return names[1]
     if len(names) < 3 or "collision" in names[3:4]:
         return ""
     if names[1] == "robots":

@@ -1,0 +1,34 @@
+"""A UR10 is asked for a block under a beam that leaves no room for its hand: a proof why it can't be done, and a picture.
+
+Nothing moves. The recording shows what is in the way (red), and the arm as near to the block as it gets (orange).
+"""
+
+from workcell import FollowLimits, Job, PlanningWorld, line
+
+OVERSHOOT = 0.03  # metres by which the planner's spheres may exceed the arm
+LIMITS = FollowLimits(max_step=0.2, clearance=0.002)  # radians between waypoints, metres to keep everywhere
+
+
+def run(job: Job) -> None:
+    """Decide whether the hand can be at the block; reach for it if it can, which the beam forbids."""
+    scene, task = job.scene, job.scene.task
+    block, grasp = task["object"], scene.goal("grasp").pose
+
+    with job.phase("planning"):
+        world = PlanningWorld.of(scene, overshoot=OVERSHOOT, approached=[block], seed=job.seed)
+        job.log_world(world)
+        job.solve(
+            world.problem(grasp), "grasp configuration"
+        )  # ends the task: there is none, and that is proved
+
+        path = job.reach(
+            world, scene.robot().start, line(scene.goal("above").pose, grasp), LIMITS, "way to the block"
+        )
+        job.log_plan(path)
+        motion = job.retime(world, path, task["max_tool_speed"], "motion to the block")
+
+    with job.phase("execution"):
+        simulation = job.simulation()
+        simulation.execute(motion, "reaching for the block")
+        simulation.grasp(block)
+        job.judge(simulation, {"the block is in the hand": simulation.held == block})

@@ -17,7 +17,7 @@ from workcell.ik.why_not import explain
 from workcell.model.contact import CollisionModel
 from workcell.model.data import find_task
 from workcell.model.scene import Scene
-from workcell.motion.dynamics import ChainDynamics, TorqueUse
+from workcell.motion.dynamics import ChainDynamics, TooWeakError, TorqueUse
 from workcell.motion.follow import FollowLimits, follow, local_solver, step_solver
 from workcell.motion.path import Path, Trajectory, stationary
 from workcell.motion.plan import PlanSettings
@@ -203,13 +203,17 @@ class Job:
 
         `acceleration` (radians a second squared, of each joint) replaces the robot's own limits, for what may spill.
         """
-        trajectory = retime(path, acceleration=acceleration, tool_speed=tool_speed)
+        dynamics = ChainDynamics(self.scene, world.robot.name, world.attached)
+        try:
+            trajectory = retime(path, acceleration=acceleration, tool_speed=tool_speed, dynamics=dynamics)
+        except TooWeakError:
+            # the torques are looked at below, where the load that is too heavy gets its name
+            trajectory = retime(path, acceleration=acceleration, tool_speed=tool_speed)
         proof = trajectory_clearance(
             world.robot.robot, trajectory, world.clearance, world.cover, floor=TRACKING_ROOM
         )
         if not proof.proved:
             self.fail("COLLISION", f"{what}: the timed motion is not clear: {proof.reason}")
-        dynamics = ChainDynamics(self.scene, world.robot.name, world.attached)
         use = self._check_torques(dynamics, trajectory, world.attached, what)
         self.say(
             f"{what}: {trajectory.duration:.2f} s, proved {1e3 * TRACKING_ROOM:.0f} mm clear or more, at most {use.share.max():.0%} of {use.joint}'s effort limit"

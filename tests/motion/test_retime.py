@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from workcell.errors import InputError
+from workcell.motion.dynamics import TooWeakError
 from workcell.motion.path import Path
 from workcell.motion.polynomials import PolynomialMotion
 from workcell.motion.retime import limit_use, retime
@@ -172,7 +173,7 @@ def test_an_arm_that_is_too_weak_to_hold_itself_is_named(sawyer_dynamics):
     stretched = np.array(robot.home)
     stretched[1] = 0.0  # the upper arm level: gravity asks most of the shoulder
     path = Path(robot, np.stack([stretched, stretched + 0.1]))
-    with pytest.raises(InputError, match=r"needs \d+\.\d N m to hold still"):
+    with pytest.raises(TooWeakError, match=r"needs \d+\.\d N m to hold still"):
         retime(path, dynamics=dynamics, effort=0.5)
     with pytest.raises(InputError, match="effort limit"):
         retime(path, dynamics=dynamics, effort=0.0)

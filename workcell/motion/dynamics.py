@@ -131,6 +131,10 @@ class ChainDynamics:
         return TorqueUse(torques.max(axis=0), shares.max(axis=0), name, every * int(sample))
 
 
+class TooWeakError(InputError):
+    """A joint's torque does not suffice to hold the arm, and what it carries, still somewhere on a path."""
+
+
 @dataclass(frozen=True, slots=True)
 class TorqueLimits:
     """Largest absolute joint torques, as bounds on the speed and acceleration along a path.
@@ -168,7 +172,7 @@ class TorqueLimits:
         What it takes to hold still, and damping at the largest speed (its square is `cap`), is taken off the limits.
 
         Raises:
-            InputError: a joint can't hold the arm still somewhere.
+            TooWeakError: a joint can't hold the arm still somewhere.
         """
         zero = np.zeros_like(q)
         still = self.dynamics.at(q, zero, zero)
@@ -197,7 +201,7 @@ class TorqueLimits:
         if np.any(over):
             row, joint = (int(i) for i in np.argwhere(over)[0])
             robot = self.dynamics.robot.robot
-            raise InputError(
+            raise TooWeakError(
                 f"joint {robot.joint_names[joint]} needs {abs(still[row, joint]):.1f} N m to hold still on the path, and "
                 f"has {self.effort[joint]:.1f}",
                 where="path",

@@ -81,8 +81,8 @@ def retime(
 
     Raises:
         InputError: a limit that is zero, negative, NaN or (for the acceleration) infinite; a path that does not move,
-            or that runs so close to a joint limit that no smooth motion through it keeps the limit; torques that
-            don't suffice to hold the arm (and what it carries) still somewhere on the path.
+            or that runs so close to a joint limit that no smooth motion through it keeps the limit.
+        TooWeakError: torques don't suffice to hold the arm (and what it carries) still somewhere on the path.
     """
     robot = path.robot
     v_max, a_max = motion_limits(robot, velocity, acceleration)

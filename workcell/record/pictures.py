@@ -113,21 +113,23 @@ def key_moments(review: Review, count: int = _MOMENTS) -> list[Moment]:
 
 
 def contact_sheet(review: Review) -> Figure:
-    """Key frames in the order of time, each from two sides, with the verdict above and the colours explained below."""
+    """Key frames in the order of time, each from two sides (one above the other, or a single one side by side), with the verdict above and the colours explained below."""
     width, height = _TILE
     cameras = choose_cameras(review.stage, width, height)
     studios = [Studio(review.stage, camera) for camera in cameras]
     moments = key_moments(review)
-    rows = -(-len(moments) // _COLUMNS)
-    sheet = _Sheet(_COLUMNS * width + (_COLUMNS + 1) * 12, 96 + rows * (2 * height + 54) + 40)
+    rows, alone = -(-len(moments) // _COLUMNS), len(moments) == 1
+    tall = height + 54 if alone else 2 * height + 54
+    sheet = _Sheet(_COLUMNS * width + (_COLUMNS + 1) * 12, 96 + rows * tall + 40)
     sheet.banner(review)
     for index, moment in enumerate(moments):
         left = 12 + (index % _COLUMNS) * (width + 12)
-        top = 96 + (index // _COLUMNS) * (2 * height + 54)
+        top = 96 + (index // _COLUMNS) * tall
         sheet.text(left, top + 14, f"{moment.time:.2f} s", size=12, weight="bold")
         sheet.text(left + 74, top + 14, _shortened(moment.caption, 52), size=12)
-        for below, studio in enumerate(studios):
-            corner = (left, top + 28 + below * (height + 4))
+        for second, studio in enumerate(studios):
+            aside, below = (second, 0) if alone else (0, second)
+            corner = (left + aside * (width + 12), top + 28 + below * (height + 4))
             sheet.tile(studio.picture(moment.time, ("why",)), corner)
             for k, (name, path) in enumerate(review.stage.object_paths().items()):
                 sheet.label(name, studio.place(review.stage.pose(path, moment.time).position), corner, k)
@@ -269,7 +271,7 @@ class _Sheet:
             self._page.plot([x, x + 34], [y, y], color=_BLAMED, lw=6, alpha=0.6)
             self.text(x + 44, y, "in the way; orange: as near as it gets", size=12)
             x += 330
-        self.text(x, y, "faint where something is in front; above: overview, below: close-up", size=12)
+        self.text(x, y, "faint where something is in front; first: overview, second: close-up", size=12)
 
     def _fit(self) -> None:
         self._page.set_xlim(0, self.width)

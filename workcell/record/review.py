@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 ACHIEVED, NOT_ACHIEVED, INCOMPLETE = "achieved", "not achieved", "incomplete"
 
 _STOPPED = ("INTERRUPTED", "ERROR")
-_GRASP = re.compile(r"\b(grasp|held)", re.IGNORECASE)
+_GRASP = re.compile(r"\b(grasped|held)\b", re.IGNORECASE)
 _MOVED_M = 0.01
 _AGREEMENT_M = 1e-6
 

@@ -59,6 +59,16 @@ def test_reachable_poses_are_reached(robot: Robot) -> None:
         reached(IKProblem(robot, robot.fk(robot.random_configuration(rng))), seed)
 
 
+@pytest.mark.parametrize("joints", [1, 2, 3])
+def test_short_arms(joints: int) -> None:
+    """Goal and base may fix every vector: then there is nothing to minimise."""
+    robot = skew_arm(joints, joints)
+    pose = robot.fk(robot.random_configuration(np.random.default_rng(0)))
+    reached(IKProblem(robot, pose))
+    away = Pose(pose.position + [0.05, 0.02, 0.3], pose.quat_wxyz)
+    assert solve(IKProblem(robot, away), "cidgik", Budget(1.0)).status is Status.UNREACHABLE
+
+
 def test_same_seed_same_answer() -> None:
     problem = IKProblem(ARMS[2], ARMS[2].fk(np.linspace(-1.0, 1.0, 7)))
     assert np.array_equal(reached(problem, 5), reached(problem, 5))
@@ -149,22 +159,20 @@ def test_parts_of_a_pose(goal: Any) -> None:
 
 
 def test_spheres_of_the_arm_itself_are_kept_apart() -> None:
-    robot = replace(long_arm(8, np.pi), name="folding")
-    cover = SphereCover(np.array([2, 8]), np.zeros((2, 3)), np.array([0.2, 0.2]))
-    rng = np.random.default_rng(2)
-    touched = 0
-    for seed in range(6):
+    """The forearm's end comes as near the upper arm's as the goal asks, but for the spheres between them."""
+    robot = long_arm(6, np.pi)
+    cover = SphereCover(np.array([3, 6]), np.array([[0.0, 0, 0], [0.0, 0, -0.05]]), np.array([0.1, 0.1]))
+    pairs, rng, folded = np.array([[0, 1]]), np.random.default_rng(2), 0
+    for seed in range(12):
         q = robot.random_configuration(rng)
-        problem = IKProblem(
-            robot, robot.fk(q), cover=cover, self_collision=np.array([[0, 1]]), goal="position"
-        )
-        if verify(problem, q).accepted:
+        problem = IKProblem(robot, robot.fk(q), cover=cover, self_collision=pairs, goal="position")
+        if not verify(problem, q).accepted:
             continue
-        free = replace(problem, cover=None, self_collision=None)
-        folded = solve_cidgik(free, BUDGET, seed).q
-        touched += folded is not None and not verify(problem, folded).accepted
-        candidate = solve_cidgik(problem, Budget(1.0), seed)
-        assert candidate.q is None or verify(problem, candidate.q).accepted
+        free = solve_cidgik(replace(problem, cover=None, self_collision=None), BUDGET, seed).q
+        folded += free is not None and not verify(problem, free).accepted
+        found = solve_cidgik(problem, BUDGET, seed).q
+        assert found is not None and verify(problem, found).accepted
+    assert folded > 0
 
 
 def test_steps_stay_near_the_reference() -> None:

@@ -83,7 +83,7 @@ class ChordalInstance:
     ) -> None:
         self.structure = structure
         self.parts = [Instance(block, goals, middle, half) for block in structure.blocks]
-        self.contradiction = False
+        self.contradiction = self.determined = False
         self.solves = 0
         self._sizes = [part.D.shape[1] for part in self.parts]
         self._starts = np.concatenate([[0], np.cumsum(self._sizes)])

@@ -22,6 +22,7 @@ SLOT_SIZES = (0, 4, 12, 32, 96, 192)
 _RIDGE = 1e-9
 _INDEPENDENT = 1e-7
 _PARALLEL = 1e-9
+_BROKEN = 1e-6
 
 
 class Instance:
@@ -127,8 +128,10 @@ class Instance:
 
     def solve(self, C: Array) -> ConicSolution:
         """Minimise <C, Z> for a symmetric C (N, N). x are the coordinates y; z is over `rows()`, then empty slots."""
-        q = self.D.T @ svec(C)
         self.solves += 1
+        if self.determined:
+            return self._looked_at()
+        q = self.D.T @ svec(C)
         if not self._stale:
             assert self._solver is not None  # the first solve is always stale
             return self._solver.solve(q)
@@ -145,6 +148,26 @@ class Instance:
             self._solver = idle.pop()
         assert self._solver is not None
         return self._solver.solve(q, b=b, values=A.T.ravel())
+
+    @property
+    def determined(self) -> bool:
+        """Whether the equalities leave a single Z: nothing is to be minimised."""
+        return bool(self.D.shape[1] == 0)
+
+    def _looked_at(self) -> ConicSolution:
+        """The only Z, or a ray that says which row it breaks."""
+        inequalities = np.concatenate([self.limit_rows[:, -1], self.slots[:, -1]])
+        values, vectors = np.linalg.eigh(smat(self.Z0, self.structure.order))
+        z = np.zeros(len(inequalities) + len(self.Z0) + len(self.frame_rows))
+        broken = True
+        if inequalities.min(initial=0.0) < -_BROKEN:
+            z[int(inequalities.argmin())] = 1.0
+        elif values[0] < -_BROKEN:
+            v = vectors[:, :1]
+            z[len(inequalities) : len(inequalities) + len(self.Z0)] = svec(v @ v.T)
+        else:
+            broken = False
+        return ConicSolution("infeasible" if broken else "solved", np.zeros(0), z, 0.0, 0)
 
     def _numbers(self, size: int) -> tuple[Array, Array]:
         """A and b: limits, slots (the empty ones last, 1 >= 0), Z, frames."""

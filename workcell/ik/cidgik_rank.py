@@ -27,6 +27,11 @@ class Relaxed(Protocol):
     solves: int
     contradiction: bool
 
+    @property
+    def determined(self) -> bool:
+        """Whether there is a single Z."""
+        ...
+
     def solve(self, C: Blocks) -> ConicSolution:
         """Minimise <C, Z>."""
         ...

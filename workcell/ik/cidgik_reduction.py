@@ -70,7 +70,7 @@ def stack(vectors: Sequence[Vectors], like: Vectors) -> Vectors:
     parts = []
     for name in ("alpha", "base", "goal"):
         width = getattr(like, name).shape[-1]
-        parts.append(np.array([getattr(v, name) for v in vectors]).reshape(-1, width))
+        parts.append(np.array([getattr(v, name) for v in vectors]).reshape(len(vectors), width))
     return Vectors(*parts)
 
 

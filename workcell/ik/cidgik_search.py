@@ -134,6 +134,8 @@ class Search:
             empty = self.last.Z is None and not (self.keeper is not None and self.keeper.passing)
             if empty and self._prove(self.last):
                 return None
+            if self.instance.determined:
+                return None
             failures = failures + 1 if empty else 0
             if self.restarts == PROVE_AFTER and self.keeper is not None and self._prove_with_all(self.keeper):
                 return None

@@ -65,7 +65,7 @@ def test_short_arms(joints: int) -> None:
     robot = skew_arm(joints, joints)
     pose = robot.fk(robot.random_configuration(np.random.default_rng(0)))
     reached(IKProblem(robot, pose))
-    away = Pose(pose.position + [0.05, 0.02, 0.3], pose.quat_wxyz)
+    away = Pose(pose.position + np.array([0.05, 0.02, 0.3]), pose.quat_wxyz)
     assert solve(IKProblem(robot, away), "cidgik", Budget(1.0)).status is Status.UNREACHABLE
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 ACHIEVED, NOT_ACHIEVED, INCOMPLETE = "achieved", "not achieved", "incomplete"
 
 _STOPPED = ("INTERRUPTED", "ERROR")
-_GRASP = re.compile(r"\b(grasped|held)\b", re.IGNORECASE)
+_GRASP = re.compile(r"\b(grasp|held)", re.IGNORECASE)
 _MOVED_M = 0.01
 _AGREEMENT_M = 1e-6
 
@@ -210,7 +210,11 @@ def _checks(
         bounded = isinstance(limit, (int, float))
         text += f", {1e3 * float(limit or 0.0):.2f} mm allowed" if bounded else ""
         checks.append(Check("tracking", not bounded or tracking.maximum <= float(limit or 0.0), text))
-    if any(_GRASP.search(line.text) for line in events if line.level == "INFO") and objects:
+    # what is said before anything moves is about the plan
+    if (
+        any(line.time > 0 and line.level == "INFO" and _GRASP.search(line.text) for line in events)
+        and objects
+    ):
         moved = [row for row in objects if row.moved > _MOVED_M or row.rose > _MOVED_M]
         text = ", ".join(f"the {row.name} went {row.moved:.3f} m" for row in moved) or "no object was moved"
         checks.append(Check("grasp", bool(moved), text))

@@ -135,3 +135,15 @@ def test_rest_to_rest_is_the_trapezoid():
     corners = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 0.1]])
     assert rest_to_rest(corners, v, a) == pytest.approx((2 / 1 + 1 / 4) + 2 * np.sqrt(0.1 / 4))
     assert rest_to_rest(corners[:1], v, a) == 0.0
+
+
+def test_a_search_that_makes_no_sense(planar, planar_cover):
+    body = pack_body(planar, planar_cover, ())
+    with pytest.raises(InputError, match="steps of 0"):
+        Effort(step=0.0)
+    with pytest.raises(InputError, match="negative"):
+        Effort(iterations=-1)
+    with pytest.raises(InputError, match="shape"):
+        search(body, np.zeros(2), [np.zeros(3)])
+    with pytest.raises(InputError, match="not finite"):
+        search(body, np.zeros(3), [np.full(3, np.nan)])

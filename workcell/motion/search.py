@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from workcell.errors import InputError
 from workcell.ik.packing import random_state
 from workcell.motion.body import NO_CONE, kernels
 from workcell.pose import Array
@@ -49,6 +50,14 @@ class Effort:
     cpu_s: float = float("inf")
     shortcuts: int = 40
     pulls: int = 4
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.step) and self.step > 0 and self.cpu_s >= 0):
+            raise InputError(
+                f"a search with steps of {self.step} rad within {self.cpu_s} s makes no sense", where="effort"
+            )
+        if min(self.iterations, self.looks, self.shortcuts, self.pulls) < 0:
+            raise InputError("the counts of a search are not negative", where="effort")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,12 +97,26 @@ def search(body: Body, start: Array, goals: ArrayLike, effort: Effort | None = N
     """A proved path from `start` (n,) to any of `goals` (k, n); the same seed gives the same path.
 
     Start and goals are taken to be clear; goals that are not are never reached.
+
+    Raises:
+        InputError: start or goals of the wrong shape, or not finite.
     """
     prepare()
     effort, entries = effort or Effort(), kernels()
     deadline = time.process_time() + effort.cpu_s
     goals = np.ascontiguousarray(goals, dtype=float)
     start = np.ascontiguousarray(start, dtype=float)
+    n = body.bounds.shape[1]
+    if (
+        start.shape != (n,)
+        or goals.shape[1:] != (n,)
+        or not (np.isfinite(start).all() and np.isfinite(goals).all())
+    ):
+        raise InputError(
+            f"a start of shape {start.shape} and goals of shape {goals.shape}, or not finite",
+            where="search",
+            remedy=f"({n},) and (k, {n})",
+        )
     direct, tried, looks = _straight(body, start, goals)
     if direct >= 0:
         return Found(np.stack([start, goals[direct]]), direct, 0, tried, looks)
@@ -168,8 +191,8 @@ def _new_trees(start: Array, goals: Array, seed: int, nodes: int) -> Trees:
 
 
 def _roomier(trees: Trees) -> Trees:
-    """The same trees with four times the room."""
-    room = 4 * trees.nodes.shape[1]
+    """The same trees with up to four times the room."""
+    room = min(4 * trees.nodes.shape[1], NODES)
     used = trees.nodes.shape[1]
     nodes = np.empty((2, room, trees.nodes.shape[2]))
     parents, radius = np.full((2, room), -1, dtype=np.int64), np.full((2, room), np.inf)

@@ -147,12 +147,11 @@ def _draw(body: Body, trees: Trees, q: Array, work: Room) -> bool:
 @inner
 def _reach(body: Body, trees: Trees, side: int, target: Array, length: float, q: Array, work: Room) -> int:
     """Steps from the nearest node to `target`; its new node, or -1 where the way is barred."""
-    node, distance = _nearest(trees, side, target)
+    node, _ = _nearest(trees, side, target)
     while trees.size[side] < trees.nodes.shape[1]:
         node = _step(body, trees, side, node, target, length, q, work)
         if node < 0:
             return -1
-        distance -= length
         square = 0.0
         for k in range(q.shape[0]):
             square += (target[k] - q[k]) ** 2

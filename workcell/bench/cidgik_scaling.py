@@ -17,7 +17,7 @@ from workcell.pose import Array
 
 SPHERES = (0, 10, 100, 1000, 10_000)
 JOINTS = (6, 9, 12, 20, 30, 50)
-HUGGING = 200
+HUGGING = 400
 """Spheres that stand close to the hidden configuration, where there are that many."""
 NEAR = (0.001, 0.01)
 """Metres between those and the arm."""

@@ -18,9 +18,9 @@ from workcell.ik.cidgik_certificate import certify
 from workcell.ik.cidgik_finish import polish_query
 from workcell.ik.cidgik_goals import Query
 from workcell.ik.cidgik_model import fastest_relaxation_at, goal_of, relaxation_at, sorted_obstacles
-from workcell.ik.cidgik_proof import Proof, proof_of
+from workcell.ik.cidgik_proof import Proof
 from workcell.ik.cidgik_recover import nearest_turn
-from workcell.ik.cidgik_search import Finished, Search, empty_with_all
+from workcell.ik.cidgik_search import Finished, Search, prove_empty
 from workcell.ik.elementary import prove_impossible
 from workcell.ik.polish import polish
 from workcell.ik.problem import Budget, IKProblem
@@ -88,17 +88,8 @@ def prove_cidgik(problem: IKProblem) -> Certificate | None:
     Raises:
         InputError: as `solve_cidgik`.
     """
-    instance, keeper = relaxation_at(problem)
-    try:
-        if keeper is None:
-            solution = instance.solve(instance.nuclear())
-            ray = solution.z if solution.status == "infeasible" else None
-        else:
-            ray = empty_with_all(instance, keeper, lambda: False)
-        proof = None if ray is None else proof_of(instance, keeper, ray)
-        return None if proof is None else certify(problem, proof)
-    finally:
-        instance.release()
+    proof = prove_empty(*relaxation_at(problem), lambda: False)
+    return None if proof is None else certify(problem, proof)
 
 
 def refuse_buried_base(problem: IKProblem) -> None:

@@ -194,10 +194,7 @@ class Search:
         if isinstance(self.instance, Instance) and (self.keeper is None or isinstance(self.keeper, Keeper)):
             proof = proof_of(self.instance, self.keeper, empty.ray)
         else:
-            instance, keeper = self.whole()
-            solution = instance.solve(instance.nuclear())
-            proof = proof_of(instance, keeper, solution.z) if solution.status == "infeasible" else None
-            instance.release()
+            proof = prove_empty(*self.whole(), self.over)
         if proof is not None and self.finisher.prove(proof):
             return True
         self.note("the relaxation is empty, but not by the margin that the tolerances need")
@@ -215,13 +212,21 @@ class Search:
             self.rejected.append(reason)
 
 
-def empty_with_all(instance: Relaxed, keeper: Kept, over: Callable[[], bool]) -> Array | None:
+def prove_empty(instance: Instance, keeper: Keeper | None, over: Callable[[], bool]) -> Proof | None:
+    """Multipliers that show a relaxation empty, with every sphere that it breaks; None where they can't be had."""
+    ray = empty_with_all(instance, keeper, over)
+    proof = None if ray is None else proof_of(instance, keeper, ray)
+    instance.release()
+    return proof
+
+
+def empty_with_all(instance: Relaxed, keeper: Kept | None, over: Callable[[], bool]) -> Array | None:
     """Add the rows on spheres that points of the relaxation break, until it is empty (its ray) or keeps them all (None)."""
     C = instance.nuclear()
     while not over():
         solution = instance.solve(C)
         if solution.status == "infeasible":
             return solution.z
-        if not solution.usable or not keeper.add_cut_off(instance.matrix(solution.x)):
+        if keeper is None or not solution.usable or not keeper.add_cut_off(instance.matrix(solution.x)):
             return None
     return None

@@ -12,61 +12,42 @@ from workcell import FollowLimits, Job, PlanningWorld, Pose, Scene, line
 LIMITS = FollowLimits(max_step=0.2, clearance=0.002)  # radians between waypoints, metres to keep everywhere
 
 
+def grasp_of(job: Job, world: PlanningWorld, part: str) -> Pose:
+    """Of the part's grasps, turned about the approach, the one with room for the hand that turns the wrist least."""
+    grasp, symmetry = world.scene.site_pose(f"{part}/grasp"), world.scene.task["parts"][part]["symmetry"]
+    halves = np.pi * np.arange(symmetry) / symmetry
+    turns = [grasp @ Pose(np.zeros(3), np.array([np.cos(a), 0.0, 0.0, np.sin(a)])) for a in halves]
+    fitting = [turn for turn in turns if world.hand_clearance(turn, [part]) >= world.scene.task["room"]]
+    if not fitting:
+        job.fail("BLOCKED", f"{part}: the hand does not fit around it at any of its {symmetry} grasps.")
+    tool = world.robot.robot.fk(world.robot.start)
+    return min(fitting, key=lambda turn: turn.error_to(tool)[1])
+
+
 def plan_part(job: Job, scene: Scene, part: str):
     """All motions for one part, from where the robot of `scene` stands; and the scene that they leave behind."""
     task, arm = scene.task, scene.robot()
-    settings, speed = task["parts"][part], task["max_tool_speed"]
     world = PlanningWorld.of(scene, opening=task["opening"], approached=[part], seed=job.seed)
-    up = Pose.from_xyz([0, 0, task["lift"]])
-    grasp, into = reach_part(job, world, scene.site_pose(f"{part}/grasp"), up, settings["symmetry"], part)
-
-    stands = scene.object_pose(part)
-    slot = scene.site_pose(task["tray_frame"]).apply([*settings["slot"], task["drop"]])
+    stands, grasp = scene.object_pose(part), grasp_of(job, world, part)
+    slot = scene.site_pose(task["tray_frame"]).apply([*task["parts"][part]["slot"], task["drop"]])
     shift = Pose.from_xyz(slot - stands.position)
+    up, hover = Pose.from_xyz([0, 0, task["lift"]]), Pose.from_xyz([0, 0, task["hover"]])
+    put = shift @ grasp
+    into = job.reach(world, arm.start, line(up @ grasp, grasp), LIMITS, f"{part}: into the bin")
+
     carrying = world.holding(part, grasp.inverse() @ stands, towards=[into.end])
-    lifting = carrying.standing_on(task["floor"])
+    lifting, placing = carrying.standing_on(task["floor"]), carrying.standing_on(task["tray_floor"])
     out = job.follow(lifting, line(grasp, up @ grasp), into.end, LIMITS, f"{part}: out of the bin")
-    hover, put = Pose.from_xyz([0, 0, task["hover"]]) @ shift @ grasp, shift @ grasp
-    over = job.reach(carrying, out.end, [up @ shift @ grasp, hover], LIMITS, f"{part}: to the tray")
-    placing = carrying.standing_on(task["tray_floor"])
-    down = job.follow(placing, line(hover, put), over.end, LIMITS, f"{part}: onto the tray")
+    over = job.reach(carrying, out.end, [up @ put, hover @ put], LIMITS, f"{part}: to the tray")
+    down = job.follow(placing, line(hover @ put, put), over.end, LIMITS, f"{part}: onto the tray")
 
     after = scene.moved({part: shift @ stands}).with_start(arm.name, down.end)
     emptied = PlanningWorld.of(after, opening=task["opening"], approached=[part], seed=job.seed)
     back = job.follow(emptied, line(put, up @ put), down.end, LIMITS, f"{part}: off the tray")
     job.log_plan(into + out + over + down + back)
-    motions = [
-        job.retime(view, path, speed, f"{part}: motion {what}")
-        for view, path, what in (
-            (world, into, "to the part"),
-            (lifting, out, "out of the bin"),
-            (carrying, over, "to the tray"),
-            (placing, down, "onto the tray"),
-            (emptied, back, "off the tray"),
-        )
-    ]
+    ways = ((world, into), (lifting, out), (carrying, over), (placing, down), (emptied, back))
+    motions = [job.retime(view, path, task["max_tool_speed"], f"{part}: motion") for view, path in ways]
     return motions, after.with_start(arm.name, back.end)
-
-
-def reach_part(job: Job, world: PlanningWorld, grasp: Pose, up: Pose, symmetry: int, part: str):
-    """The first of the part's grasps at which the hand has room and the arm gets there, and the way."""
-    turns = [
-        grasp @ Pose.from_rotation([0, 0, 0], rotation_z(2 * np.pi * k / symmetry)) for k in range(symmetry)
-    ]
-    least = world.robot.robot.fk(world.robot.start)
-    room = [turn for turn in turns if world.hand_clearance(turn, [part]) >= world.scene.task["room"]]
-    if not room:
-        job.fail("BLOCKED", f"{part}: the hand does not fit around it at any of its {symmetry} grasps.")
-    chosen = min(room, key=lambda turn: turn.error_to(least)[1])
-    return chosen, job.reach(
-        world, world.robot.start, line(up @ chosen, chosen), LIMITS, f"{part}: into the bin"
-    )
-
-
-def rotation_z(angle: float) -> np.ndarray:
-    """About z."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
 
 
 def run(job: Job) -> None:

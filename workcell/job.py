@@ -5,9 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 from typing import Any, NoReturn
+
+import numpy as np
 
 from workcell.errors import InputError, UnknownNameError
 from workcell.ik.problem import IKProblem
@@ -58,6 +60,7 @@ class Job:
         summary: what `DIR/<task>.json` will hold.
         began: `time.perf_counter()` when the run began.
         sim_time: seconds simulated so far, the time of the events that are logged.
+        ways: tool positions (k, 3) of the plans logged so far, by the robot's name.
     """
 
     scene: Scene
@@ -69,6 +72,7 @@ class Job:
     summary: dict[str, Any]
     began: float
     sim_time: float = 0.0
+    ways: dict[str, list[Array]] = field(default_factory=dict)
 
     def say(self, text: str, level: str = "INFO") -> None:
         """One line of the story, on the terminal and in the recording's log."""
@@ -222,19 +226,18 @@ class Job:
 
     def carry(
         self, team: Team, poses: Sequence[Pose], starts: Mapping[str, Array], limits: FollowLimits, what: str
-    ) -> Path | None:
-        """A proved path of all arms that hold an object, along the object's poses; None, and why in the story."""
+    ) -> Path:
+        """A proved path of all arms that hold an object, along the object's poses; without one the task ends with why."""
         result = carry(team, poses, starts, limits=limits, solver=self.planner, seed=self.seed)
         if result.path is None or result.proof is None:
-            self.say(f"{what}: {result.failure}")
-            return None
+            status = "COLLISION" if result.proof is not None else "NOT_FOUND"
+            self.fail(status, f"{what}: {result.failure}")
         self.say(
             f"{what}: {len(result.path)} waypoints of {len(team.grasps)} arms, largest step "
             f"{result.path.largest_step:.3f} rad, proved at least {1e3 * result.proof.margin:.0f} mm clear all along"
         )
         for name in team.grasps:
-            tools = team.tools(name, result.path.configurations)[:, :3, 3]
-            self.recording.log_plan(name, tools)
+            self._log_way(name, team.tools(name, result.path.configurations))
         return result.path
 
     def retime_team(
@@ -295,9 +298,13 @@ class Job:
         )
 
     def log_plan(self, path: Path) -> None:
-        """The planned way of the tool into the recording."""
-        tools = path.robot.fk_transform(path.configurations)[:, :3, 3]
-        self.recording.log_plan(path.robot.name, tools)
+        """A planned way of the tool into the recording, after those that were planned for this robot before."""
+        self._log_way(path.robot.name, path.robot.fk_transform(path.configurations))
+
+    def _log_way(self, robot: str, tools: Array) -> None:
+        """Tool poses (k, 4, 4) behind those that were logged for this robot before."""
+        self.ways.setdefault(robot, []).append(tools[:, :3, 3])
+        self.recording.log_plan(robot, np.concatenate(self.ways[robot]))
 
     def simulation(self) -> Simulation:
         """A simulation of the scene that logs into the recording."""

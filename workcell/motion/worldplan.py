@@ -1,7 +1,8 @@
 """Paths in a scene: searched for among spheres, compiled, and proved on the compiled MuJoCo model, which alone decides.
 
-The spheres contain the robot with some overshoot, which may close a gap that the robot fits through; then they are
-tried without it, where a path is a guess until it is proved. Where both fail the compiled model itself is searched.
+First the model itself is asked for the straight line to the nearest goal. Then the spheres: they contain the robot with
+some overshoot, which may close a gap that the robot fits through, so that they are tried without it as well, where a path
+is a guess until it is proved. Where both fail the compiled model itself is searched.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from workcell.geometry.self_collision import self_collision_pairs
 from workcell.motion.body import BodyClearance, Upright, pack_body
 from workcell.motion.ends import checked_end
 from workcell.motion.path import Path
-from workcell.motion.plan import PlanResult, PlanSettings, PlanStatus, plan
+from workcell.motion.plan import PlanResult, PlanSettings, PlanStatus, connect, plan
 from workcell.motion.proof import prove_path
 from workcell.motion.search import Effort, search
 from workcell.motion.world import PlanningWorld
@@ -59,7 +60,13 @@ def plan_in_world(
     robot = world.robot.robot
     start, _ = checked_end(robot, q_start, world.clearance, "q_start", upright=upright)
     goals = _clear_goals(world, np.atleast_2d(np.asarray(q_goals, dtype=float)), upright)
+    nearest = goals[int(np.argmin(np.abs(goals - start).max(axis=1)))]
     iterations, evaluations = 0, 0
+    if upright is None:
+        straight = connect(robot, start, nearest, world.clearance, world.cover, clearance=settings.clearance)
+        if straight.planned:
+            return straight
+        evaluations = straight.evaluations
     detail = "start or goals are not clear of obstacles in the model of spheres"
     models = list(_models(world, start, goals, settings, upright))
     for share in sorted({1, settings.attempts}):
@@ -78,7 +85,6 @@ def plan_in_world(
             detail = proof.reason
     if upright is not None:
         return PlanResult(PlanStatus.NOT_FOUND, None, None, detail, iterations, evaluations)
-    nearest = goals[int(np.argmin(np.abs(goals - start).max(axis=1)))]
     slow = plan(robot, start, nearest, world.clearance, world.cover, settings=settings, seed=seed)
     return replace(slow, iterations=slow.iterations + iterations, evaluations=slow.evaluations + evaluations)
 

@@ -60,15 +60,6 @@ def eliminate(rows: Array, radius: Array, ball: Array, lever: Array, half: Array
 def apply(chain: Chain, state: State, rows: Array, radius: Array, half: Array, pivots: Array) -> bool:
     """Contract by every row: any joint in it lies where the others and the remainder allow."""
     n = half.shape[0]
-    free = -1
-    count = 0
-    for j in range(n):
-        solved = False
-        for r in range(6):
-            solved = solved or pivots[r] == j
-        if not solved:
-            free = j
-            count += 1
     for r in range(6):
         noise = spread(rows[r, n : n + 6], radius, state.tangent[0, 9:12], chain.ball)
         low, high = rows[r, n + 6] - noise, rows[r, n + 6] + noise
@@ -89,26 +80,41 @@ def apply(chain: Chain, state: State, rows: Array, radius: Array, half: Array, p
             one, two = (low + max(first, second)) / w, (high + min(first, second)) / w
             if not tighten(state, j + 1, centre + min(one, two), centre + max(one, two)):
                 return False
-    if count <= 1:
-        _keep_tangent(state, rows, radius, pivots, free)
+    _keep_tangent(chain, state, rows, radius, pivots)
     return True
 
 
 @inner
-def _keep_tangent(state: State, rows: Array, radius: Array, pivots: Array, free: int) -> None:
-    """Write how the joints follow the free one (see `contract_linear`)."""
+def _keep_tangent(chain: Chain, state: State, rows: Array, radius: Array, pivots: Array) -> None:
+    """Write how the joints follow the free ones (see `linear.contract_linear`), unless more are free than must be."""
     n = rows.shape[1] - 7
+    solved = np.zeros(n)
+    for r in range(6):
+        if pivots[r] >= 0:
+            solved[pivots[r]] = 1.0
+    free, count = -1, 0
+    for j in range(n):
+        if solved[j] == 0.0:
+            count += 1
+            if free < 0 or state.sweep[0, j + 1] > state.sweep[0, free + 1]:
+                free = j
+    if count > max(1, n - (6 if chain.turns else 3)):
+        return
     tangent = state.tangent
-    tangent[0, 0], tangent[0, 1] = 1.0, free
+    tangent[1:, :] = 0.0
+    tangent[0, 0], tangent[0, 1], tangent[0, 2] = 1.0, free, count
     for k in range(6):
         tangent[0, 3 + k] = radius[k]
+    for j in range(n):
+        if solved[j] == 0.0:
+            tangent[1 + j, 2 if j == free else 13 + j] = 1.0
     for r in range(6):
         j = pivots[r]
-        if j >= 0:
-            tangent[1 + j, 1] = rows[r, n + 6]
-            tangent[1 + j, 2] = -rows[r, free] if free >= 0 else 0.0
-            for k in range(6):
-                tangent[1 + j, 3 + k] = rows[r, n + k]
-    if free >= 0:
-        tangent[1 + free, 1:] = 0.0
-        tangent[1 + free, 2] = 1.0
+        if j < 0:
+            continue
+        tangent[1 + j, 1] = rows[r, n + 6]
+        for k in range(6):
+            tangent[1 + j, 3 + k] = rows[r, n + k]
+        for k in range(n):
+            if solved[k] == 0.0:
+                tangent[1 + j, 2 if k == free else 13 + k] = -rows[r, k]

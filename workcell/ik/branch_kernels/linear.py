@@ -38,8 +38,9 @@ def contract_linear(chain: Chain, state: State) -> bool:
     """Contract every joint by the linearised closure; False if the box holds no solution.
 
     Where it could be applied `state.tangent[0, 0]` is 1, and row 1 + k (k from 0) says how real joint k follows:
-    departure = tangent[k+1, 1] + tangent[k+1, 2] * (departure of joint tangent[0, 1]) + tangent[k+1, 3:9] . noise,
-    the noise as bounded by `elimination.spread` with the remainders tangent[0, 3:9] and the lever tangent[0, 9:12].
+    departure = tangent[k+1, 1] + tangent[k+1, 2] * (departure of joint tangent[0, 1]) + tangent[k+1, 3:9] . noise
+    + tangent[k+1, 13:] . (departures of the other free joints), tangent[0, 2] being the number of all free ones. The noise
+    is bounded by `elimination.spread` with the remainders tangent[0, 3:9] and the lever tangent[0, 9:12].
     """
     state.tangent[0, 0] = 0.0
     joints = state.lower.shape[0]

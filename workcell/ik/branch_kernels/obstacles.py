@@ -245,6 +245,9 @@ def _bound_segment(chain: Chain, state: State, sphere: Array, sweep: Sweep) -> N
             _add(slope, row[2], mx, my, mz)
             for r in range(6):
                 _add(noise[r], row[3 + r], mx, my, mz)
+            if tangent[0, 2] > 1.0:
+                for f in range(1, joints - 1):
+                    _add(noise[6 + f], row[12 + f], mx, my, mz)
         else:
             _add(shift, 0.5 * (low + high), mx, my, mz)
             _add(noise[6 + j], 0.5 * (high - low), mx, my, mz)
@@ -252,6 +255,13 @@ def _bound_segment(chain: Chain, state: State, sphere: Array, sweep: Sweep) -> N
     if known and tangent[0, 1] >= 0.0:
         free = int(tangent[0, 1]) + 1
         first, second = state.lower[free] - state.centre[free], state.upper[free] - state.centre[free]
+    if known and tangent[0, 2] > 1.0:
+        # The other free joints are noise as well, around the middle of their ranges.
+        for f in range(1, joints - 1):
+            low, high = state.lower[f] - state.centre[f], state.upper[f] - state.centre[f]
+            for a in range(3):
+                shift[a] += 0.5 * (low + high) * noise[6 + f, a]
+                noise[6 + f, a] *= 0.5 * (high - low)
     for a in range(3):
         start = (x if a == 0 else (y if a == 1 else z)) + shift[a]
         sweep.ends[0, a] = start + first * slope[a]

@@ -73,7 +73,7 @@ class State(NamedTuple):
             1 for a sliding joint. The points belong to the link that the joint moves.
         bands: (2, N, 4, 3) per view and joint i the coefficients (a, b, c) of a + b cos q + c sin q, or of
             a + b q + c q^2 for a sliding joint, of the invariants between its neighbours' axes, see `invariants`.
-        tangent: (n + 1, 12) the linear step's result, see `linear.contract_linear`.
+        tangent: (n + 1, 12 + N) the linear step's result, see `linear.contract_linear`.
     """
 
     lower: Array
@@ -98,7 +98,7 @@ def new_state(chain: Chain) -> State:
         np.zeros((2, joints, 12)),
         np.zeros((2, joints, 10)),
         np.zeros((2, joints, 4, 3)),
-        np.zeros((joints - 1, 12)),
+        np.zeros((joints - 1, 12 + joints)),
     )
     for k in range(joints):
         state.lines[0, k, 9] = state.lines[1, joints - 1 - k, 9] = chain.slides[k]

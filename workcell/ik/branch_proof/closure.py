@@ -67,7 +67,7 @@ class Box(NamedTuple):
         motions: (2, N, 12) T_k from the base, and from the target.
         sides: (2, N, 10) lines as seen from the base and from the target.
         ranges: (4, 2) scratch.
-        follow: (N + 1, 12) how joints follow one another, see `linear`.
+        follow: (N + 1, 12 + N) how joints follow one another, see `linear`.
     """
 
     lower: Array
@@ -91,7 +91,7 @@ def new_box(joints: int) -> Box:
         np.zeros((2, joints, 12)),
         np.zeros((2, joints, 10)),
         np.zeros((4, 2)),
-        np.zeros((joints + 1, 12)),
+        np.zeros((joints + 1, 12 + joints)),
     )
 
 

@@ -32,8 +32,8 @@ WIDEST = 1.3
 def follow_closure(robot: Robot, box: Box) -> bool:
     """Contract all joints by the linear closure; False if it can't hold. Leaves in `box.follow` how joints follow:
 
-    departure of joint k = follow[k, 0] + follow[k, 1] * (departure of joint follow[0, 1]) + follow[k, 2:8] . noise, the
-    noise bounded by `noise_along` with follow[0, 2:8] and follow[0, 8:11]; valid where follow[0, 0] is 1.
+    departure of joint k = follow[k, 0] + follow[k, 1] * (departure of joint follow[0, 1]) + follow[k, 2:8] . noise
+    + follow[k, 12:] . (departures of the other free joints), where follow[0, 11] is 1 if there are such; the noise bounded by `noise_along` with follow[0, 2:8] and follow[0, 8:11]; valid where follow[0, 0] is 1.
     """
     joints = box.lower.shape[0]
     box.follow[0, 0] = 0.0
@@ -221,35 +221,38 @@ def _use(robot: Robot, box: Box, A: Array, bound: Array, lever: Array, owner: Ar
             one, two = box.centre[k] + low / A[r, k], box.centre[k] + high / A[r, k]
             if not narrow(box, k, min(one, two), max(one, two)):
                 return False
-    _remember(box, A, bound, lever, owner)
+    _remember(robot.turns, box, A, bound, lever, owner)
     return True
 
 
 @checked
-def _remember(box: Box, A: Array, bound: Array, lever: Array, owner: Array) -> None:
-    """Write `box.follow` where at most one joint is left without a row."""
+def _remember(turns: bool, box: Box, A: Array, bound: Array, lever: Array, owner: Array) -> None:
+    """Write `box.follow` where no more joints are left without a row than must be."""
     joints = box.lower.shape[0]
     free, count = -1, 0
     for k in range(1, joints - 1):
-        solved = False
         for r in range(6):
-            solved = solved or owner[r] == k
             if owner[r] >= 0 and abs(A[r, k] - (1.0 if owner[r] == k else 0.0)) > _OFF and _owned(owner, k):
                 return
-        if not solved:
-            free, count = k, count + 1
-    if count > 1:
+        if not _owned(owner, k):
+            count += 1
+            if free < 0 or box.chord[k] > box.chord[free]:
+                free = k
+    if count > max(1, joints - 2 - (6 if turns else 3)):
         return
     follow = box.follow
-    follow[0, 0], follow[0, 1] = 1.0, free
+    follow[:, :] = 0.0
+    follow[0, 0], follow[0, 1], follow[0, 11] = 1.0, free, 1.0 if count > 1 else 0.0
     follow[0, 2:8], follow[0, 8:11] = bound, lever
-    if free >= 0:
-        follow[free, :] = 0.0
-        follow[free, 1] = 1.0
+    for k in range(1, joints - 1):
+        if not _owned(owner, k):
+            follow[k, 1 if k == free else 12 + k] = 1.0
+            for r in range(6):
+                if owner[r] >= 0:
+                    follow[owner[r], 1 if k == free else 12 + k] = -A[r, k]
     for r in range(6):
         if owner[r] >= 0:
             follow[owner[r], 0] = A[r, joints + 6]
-            follow[owner[r], 1] = -A[r, free] if free >= 0 else 0.0
             follow[owner[r], 2:8] = A[r, joints : joints + 6]
 
 

@@ -100,10 +100,20 @@ def _tube_inside(
             if follows:
                 for r in range(8):
                     shifts[r, a] += box.follow[j, r] * way
+                if box.follow[0, 11] > 0.0:
+                    for k in range(1, joints - 1):
+                        shifts[8 + k, a] += box.follow[j, 12 + k] * way
             else:
                 shifts[0, a] += 0.5 * (low + high) * way
                 shifts[8 + j, a] = 0.5 * (high - low) * way
         j += step
+    if follows and box.follow[0, 11] > 0.0:
+        # Free joints but one count as noise, around the middle of their ranges.
+        for k in range(1, joints - 1):
+            low, high = box.lower[k] - box.centre[k], box.upper[k] - box.centre[k]
+            for a in range(3):
+                shifts[0, a] += 0.5 * (low + high) * shifts[8 + k, a]
+                shifts[8 + k, a] *= 0.5 * (high - low)
     middle = plus(x, 1.0, vector(shifts[0], 0))
     one, two = middle, middle
     if follows and box.follow[0, 1] > 0.0:

@@ -207,6 +207,10 @@ class TestBadInput:
         with pytest.raises(InputError, match="length zero"):
             Goal.pointing("tool", [0, 0, 1], [0, 0, 0])
 
+    def test_a_goal_off_the_plane_of_a_planar_arm(self) -> None:
+        with pytest.raises(InputError, match="100 mm off the plane"):
+            solve_query(Query(TWO_LINKS, (Goal.at("tool", [1.0, 1.0, 0.1]),), dimension=2), BUDGET)
+
     def test_dimensions_that_do_not_fit(self) -> None:
         robot = bench_arm("ur10")
         with pytest.raises(InputError, match="parallel axes"):

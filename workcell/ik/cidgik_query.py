@@ -1,8 +1,10 @@
 """CIDGIK asked directly: trees, several goals, positions and directions, planar arms, and every rule of a workspace.
 
-arm = load_robot("ur10")
-goal = Goal.pointing("tool", [0.6, 0.2, 0.5], [0.0, 0.0, -1.0])
-answer = solve_query(Query(arm, (goal,), Workspace(Points.joints(arm), Balls(centres, radii))))
+    arm = load_robot("ur10")
+    goal = Goal.pointing("tool", [0.6, 0.2, 0.5], [0.0, 0.0, -1.0])
+    answer = solve_query(Query(arm, (goal,), Workspace(Points.joints(arm), Balls(centres, radii))))
+
+`workcell.ik.solve` asks it about an `IKProblem`.
 """
 
 from __future__ import annotations
@@ -175,10 +177,26 @@ def _refuse_fixed(query: Query, keeper: Keeper) -> None:
             where=f"sphere {ball}",
             remedy="move the obstacle, the base or the goal",
         )
+    if query.dimension == 2:
+        _refuse_off_plane(query)
     for i, j in query.workspace.apart:
         if np.abs(keeper.points[i] - keeper.points[j]).max() < _NEAR:
             raise InputError(
                 f"points {i} and {j} coincide, whatever the configuration: they can't be kept apart",
                 where="apart",
                 remedy="name two different points",
+            )
+
+
+def _refuse_off_plane(query: Query) -> None:
+    """Raise InputError for goals that a planar arm's tool is never level with."""
+    robot = query.robot
+    normal = robot.T_world_base.rotation @ robot.joint_rotation[0] @ robot.axis[0]
+    for goal in query.goals:
+        height = float(normal @ (goal.position - robot.fk(np.zeros(robot.dof), goal.tool).position))
+        if abs(height) > query.position_tolerance:
+            raise InputError(
+                f"the goal lies {1e3 * abs(height):.3g} mm off the plane that {goal.tool!r} moves in",
+                where=f"{robot.name}, goals",
+                remedy="a goal in the plane of the arm",
             )

@@ -35,6 +35,7 @@ _PROVIDERS = (
     "workcell.bench.plan",
     "workcell.bench.retime",
     "workcell.bench.tasks",
+    "workcell.bench.follow",
     "workcell.bench.clearance",
     "workcell.bench.covers",
     "workcell.bench.free_space",

@@ -45,6 +45,8 @@ __all__ = [
     "step_solver",
 ]
 
+STEP_BUDGET = Budget(1.0)
+"""CPU seconds for one answer of the convex solver along a path."""
 _FINAL = (FollowStatus.UNREACHABLE, FollowStatus.BLOCKED, FollowStatus.BLOCKED_IN_MODEL)
 """What is true of a pose however near the one before it is."""
 
@@ -107,7 +109,7 @@ def local_solver(
         tolerance,
         max_step=limits.max_step,
         clearance=limits.clearance,
-        rescue=rescue or step_solver("ikspark", seed=seed),
+        rescue=rescue or step_solver("ikspark", STEP_BUDGET, seed),
     )
 
 

@@ -17,11 +17,12 @@ from numpy.typing import ArrayLike
 
 from workcell.geometry.types import SphereCover
 from workcell.ik.diverse import solutions
+from workcell.ik.hjcdik import collect_solutions
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import IKResult, Status
 from workcell.ik.solve import solve
-from workcell.motion.follow import diagnose, follow, local_solver, step_solver
-from workcell.motion.graph import DeadEnd, Routes, RouteSearch
+from workcell.motion.follow import STEP_BUDGET, diagnose, follow, local_solver, step_solver
+from workcell.motion.graph import DeadEnd, Route, Routes, RouteSearch
 from workcell.motion.local import LocalTracker
 from workcell.motion.outcome import FollowFailure, FollowLimits, FollowResult, FollowStatus
 from workcell.motion.steps import LocalSolver, Solver, Tolerant, starting_poses
@@ -38,8 +39,10 @@ START_BUDGET, LAYER_BUDGET = Budget(0.6), Budget(0.15)
 """CPU seconds for the samples of the first pose, and of a layer."""
 CONVEX_STARTS = 8
 """Configurations of the first pose that the convex solvers are asked for."""
-STEP_BUDGET = Budget(1.0)
-"""CPU seconds for one answer of the convex solvers along a path."""
+DIAGNOSIS_BUDGET = Budget(2.0)
+"""CPU seconds to find out why no motion reaches a pose."""
+APPROACH = 1.0
+"""What a radian of the way to a route's start costs, in radians of the route."""
 VERIFIED = 4
 """Routes that are followed in full, the cheapest first, before the search gives up."""
 
@@ -49,6 +52,7 @@ def route(
     tool_poses: Sequence[Pose],
     q_start: ArrayLike | None = None,
     *,
+    q_near: ArrayLike | None = None,
     tolerance: PathTolerance | None = None,
     limits: FollowLimits | None = None,
     extent: SphereCover | None = None,
@@ -60,6 +64,7 @@ def route(
     Args:
         template, tool_poses, tolerance, limits, extent: as of `follow`.
         q_start: (n,) a configuration that has the tool at the first pose; None: any.
+        q_near: (n,) where the robot stands before: of routes that are alike, one that begins near it is taken.
         solver: `auto`: local tracking, with IKSPARK where it fails. `ikspark`, `cidgik`: every configuration, starts
             included, by the convex method alone; the graph only says which start to take first, and which of the poses
             that the tolerance allows to ask for.
@@ -81,9 +86,9 @@ def route(
         solver,
         seed,
     )
-    given = None if q_start is None else np.asarray(q_start, dtype=float)
-    if given is not None:
-        template.robot.configuration(given, where="q_start")
+    given = None if q_start is None else template.robot.configuration(q_start, where="q_start")
+    if q_near is not None:
+        search.near = template.robot.configuration(q_near, where="q_near")
     return search.by_convex_steps(given) if solver in CONVEX else search.by_graph(given)
 
 
@@ -102,6 +107,7 @@ class _Search:
     ) -> None:
         self.template, self.poses, self.tolerance, self.limits = template, poses, tolerance, limits
         self.extent, self.solver, self.seed = extent, solver, seed
+        self.near: Array | None = None
         keep = max(limits.clearance, template.tolerances.safety_margin)
         self.problem = replace(template, tolerances=replace(template.tolerances, safety_margin=keep))
 
@@ -112,7 +118,8 @@ class _Search:
             return self._no_start(answer or IKResult(Status.NOT_FOUND, self.solver))
         foretold = self._graph(self._local().tracker).run(starts)
         ends = sorted(foretold.dead_ends, key=lambda end: -end.waypoint)
-        motions = [(route.start, route.configurations) for route in foretold.complete]
+        complete = sorted(foretold.complete, key=self._price)
+        motions = [(path.start, path.configurations) for path in complete]
         motions += [(end.start, end.motion) for end in ends]
         tried: list[str] = []
         best: FollowResult | None = None
@@ -131,7 +138,8 @@ class _Search:
         answer = None
         for k in range(CONVEX_STARTS):
             poses = starting_poses(self.poses[0], self.tolerance)
-            asked = replace(self.problem, target=poses[k % len(poses)])
+            near = self.near if k < len(poses) else None
+            asked = replace(self.problem, target=poses[k % len(poses)], q_reference=near)
             answer = solve(asked, solver=self.solver, budget=STEP_BUDGET, seed=self.seed + k)
             if answer.q is not None and answer.solved:
                 found.append(np.array(answer.q))
@@ -152,7 +160,9 @@ class _Search:
     def by_graph(self, q_start: Array | None) -> FollowResult:
         """The cheapest routes of the graph, the first that stands every check."""
         local = self._local()
-        starts = [q_start] if q_start is not None else self._sampled(0, STARTS, START_BUDGET)
+        starts = (
+            [q_start] if q_start is not None else [*self._nearby(), *self._sampled(0, STARTS, START_BUDGET)]
+        )
         if not starts:
             first = replace(self.problem, target=self.poses[0])
             answer = Tolerant(step_solver(self.solver, seed=self.seed), self.tolerance)(first)
@@ -162,7 +172,7 @@ class _Search:
         found = self._routes(local, starts, free_start=q_start is None)
         tried = [self._words(end) for end in found.dead_ends]
         best: FollowResult | None = None
-        for path in found.complete[:VERIFIED]:
+        for path in sorted(found.complete, key=self._price)[:VERIFIED]:
             result = self._follow(local, path.configurations, self.limits)
             if result.followed:
                 return replace(result, tried=tuple(tried))
@@ -171,6 +181,11 @@ class _Search:
         if best is None:
             best = self._rescued(local, found) or self._no_route(found)
         return replace(best, tried=tuple(tried))
+
+    def _price(self, path: Route) -> float:
+        """A route's cost, and a share of the way to its start (radians, the joint that moves most)."""
+        apart = 0.0 if self.near is None else float(np.abs(path.configurations[0] - self.near).max())
+        return path.cost + APPROACH * apart
 
     def _local(self) -> LocalSolver:
         return local_solver(self.template, tolerance=self.tolerance, limits=self.limits, seed=self.seed)
@@ -196,6 +211,15 @@ class _Search:
         samples = functools.cache(lambda row: self._sampled(row, ALONG, LAYER_BUDGET))
         drawn = replace(search, samples=samples).run(starts)
         return drawn if drawn.complete or _far(drawn) >= _far(forward) else forward
+
+    def _nearby(self) -> list[Array]:
+        """Configurations (n,) of the first pose, or of those that its tolerance allows, found from `near`."""
+        if self.near is None:
+            return []
+        poses = starting_poses(self.poses[0], self.tolerance)
+        share = Budget(LAYER_BUDGET.cpu_s / len(poses))
+        asked = [replace(self.problem, target=pose, q_reference=self.near) for pose in poses]
+        return [q for problem in asked for q in collect_solutions(problem, 1, self.seed, share)]
 
     def _sampled(self, row: int, count: int, budget: Budget) -> list[Array]:
         """Configurations (n,) of one pose of the path, or of poses that its tolerance allows."""
@@ -247,7 +271,7 @@ class _Search:
         end = found.furthest
         assert end is not None
         pose = self.poses[end.waypoint]
-        answer = Tolerant(step_solver(self.solver, seed=self.seed), self.tolerance)
+        answer = Tolerant(step_solver(self.solver, DIAGNOSIS_BUDGET, self.seed), self.tolerance)
         reason = diagnose(answer, self.problem, pose, end.motion[-1], self.limits.max_step)
         status, detail = reason.status, reason.detail
         if status in (FollowStatus.STEP_TOO_LARGE, FollowStatus.NOT_FOUND):

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from workcell.ik.result import IKResult, Status
     from workcell.ik.solve import solve
     from workcell.ik.verify import verify
+    from workcell.ik.why_not import explain
     from workcell.job import Job, run_task
     from workcell.model.load import load_robot
     from workcell.model.robot import Robot
@@ -61,6 +62,7 @@ _HOMES = {
     "Status": "ik.result",
     "solve": "ik.solve",
     "verify": "ik.verify",
+    "explain": "ik.why_not",
     "Job": "job",
     "run_task": "job",
     "load_robot": "model.load",

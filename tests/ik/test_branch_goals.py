@@ -125,6 +125,33 @@ def test_random_arms_with_sliding_joints_reach_what_they_can() -> None:
         assert candidate.q is None or verify(problem, candidate.q).accepted
 
 
+def rail():
+    """The S-R-S arm on a rail of one metre along x: eight joints."""
+    robot = arm()
+    axes = np.vstack([[1.0, 0.0, 0.0], robot.axis])
+    joints = [
+        {"name": f"j{k}", "xyz": xyz, "quat": [1, 0, 0, 0], "axis": axis, "lower": -0.5 if k == 0 else -3.0, "upper": 0.5 if k == 0 else 3.0}
+        for k, (axis, xyz) in enumerate(zip(axes, np.vstack([np.zeros(3), robot.joint_xyz]), strict=True))
+    ]  # fmt: skip
+    return dataclasses.replace(
+        serial_robot("rail", joints, robot.tool().T_link_tool), prismatic=np.arange(8) == 0
+    )
+
+
+@pytest.mark.parametrize(("x", "possible"), [(1.35, True), (1.45, False)])
+def test_eight_joints_on_a_rail(x: float, possible: bool) -> None:
+    """The tool, pointing outwards, reaches 0.9 m beyond the end of the rail at the shoulder's height."""
+    outwards = np.array([np.cos(np.pi / 4), 0.0, np.sin(np.pi / 4), 0.0])
+    cover = SphereCover(np.array([4]), np.array([[0.0, 0.0, 0.4]]), np.array([0.05]))
+    problem = IKProblem(rail(), Pose(np.array([x, 0.0, 0.3]), outwards), (wall("side", 0.4, 0.3),), cover)
+    candidate = solve_branch(problem, BUDGET)
+    if possible:
+        assert verify(problem, candidate.q).accepted
+    else:
+        assert candidate.certificate is not None
+        assert check_branch(problem, candidate.certificate) is None
+
+
 def folded(pairs: np.ndarray | None) -> IKProblem:
     """The wrist so near the shoulder that upper arm and forearm, spheres of 12 cm, overlap."""
     cover = SphereCover(

@@ -23,6 +23,7 @@ _RIDGE = 1e-9
 _INDEPENDENT = 1e-7
 _PARALLEL = 1e-9
 _BROKEN = 1e-6
+_SINGULAR = 1e-9
 
 
 class Instance:
@@ -86,10 +87,17 @@ class Instance:
         A, b = A[: len(self.structure.used)], b[: len(self.structure.used)]
         free, m = self.structure.free, len(A)
         Q, R = np.linalg.qr(A.T, mode="complete")
-        self.Z0, self.D = np.zeros(len(free)), np.zeros((len(free), A.shape[1] - m))
+        sizes = np.abs(np.diag(R))
+        if m and sizes.min() > _SINGULAR * sizes.max():
+            x0, rest = Q[:, :m] @ np.linalg.solve(R[:m].T, b), Q[:, m:]
+        else:
+            # at a few goals rows that are independent elsewhere say the same
+            U, s, Vt = np.linalg.svd(A)
+            kept = int(np.count_nonzero(s > _SINGULAR * s.max(initial=0.0)))
+            x0, rest = Vt[:kept].T @ ((U[:, :kept].T @ b) / s[:kept]), Vt[kept:].T
+        self.Z0, self.D = np.zeros(len(free)), np.zeros((len(free), rest.shape[1]))
         self.Z0[~free] = self.structure.fixed_value
-        self.Z0[free] = Q[:, :m] @ np.linalg.solve(R[:m].T, b)
-        self.D[free] = Q[:, m:]
+        self.Z0[free], self.D[free] = x0, rest
 
     def _plane_row(self, point: Vectors, normal: Array) -> Array:
         """Triangle (K,) of normal . point."""

@@ -10,6 +10,9 @@ import numpy as np
 from workcell import FollowLimits, Job, PlanningWorld, Pose, Scene, line
 
 LIMITS = FollowLimits(max_step=0.2, clearance=0.002)  # radians between waypoints, metres to keep everywhere
+TRANSFER = FollowLimits(
+    max_step=0.2, clearance=0.002, deviation_m=0.01, deviation_rad=0.05
+)  # it need not be straight
 
 
 def grasp_of(job: Job, world: PlanningWorld, part: str) -> Pose:
@@ -33,12 +36,12 @@ def plan_part(job: Job, scene: Scene, part: str):
     shift = Pose.from_xyz(slot - stands.position)
     up, hover = Pose.from_xyz([0, 0, task["lift"]]), Pose.from_xyz([0, 0, task["hover"]])
     put = shift @ grasp
-    into = job.reach(world, arm.start, line(up @ grasp, grasp), LIMITS, f"{part}: into the bin")
+    into = job.reach(world, arm.start, line(up @ grasp, grasp), TRANSFER, f"{part}: into the bin")
 
     carrying = world.holding(part, grasp.inverse() @ stands, towards=[into.end])
     lifting, placing = carrying.standing_on(task["floor"]), carrying.standing_on(task["tray_floor"])
     out = job.follow(lifting, line(grasp, up @ grasp), into.end, LIMITS, f"{part}: out of the bin")
-    over = job.reach(carrying, out.end, [up @ put, hover @ put], LIMITS, f"{part}: to the tray")
+    over = job.reach(carrying, out.end, line(up @ put, hover @ put), TRANSFER, f"{part}: to the tray")
     down = job.follow(placing, line(hover @ put, put), over.end, LIMITS, f"{part}: onto the tray")
 
     after = scene.moved({part: shift @ stands}).with_start(arm.name, down.end)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -41,10 +42,10 @@ def joined_robot(robots: Sequence[SceneRobot]) -> Robot:
                 name = f"{robot.name}/{tool.name}"
                 tools[name] = replace(tool, name=name, link=first + tool.link)
     chains = [robot.robot for robot in robots]
-    side_by_side = {
-        name: np.concatenate([getattr(chain, name) for chain in chains])
-        for name in ("axis", "prismatic", "lower", "upper", "velocity", "acceleration", "effort", "home")
-    }
+
+    def side_by_side(name: str) -> Any:
+        return np.concatenate([getattr(chain, name) for chain in chains])
+
     return Robot(
         name="+".join(robot.name for robot in robots),
         joint_names=tuple(f"{robot.name}/{joint}" for robot in robots for joint in robot.robot.joint_names),
@@ -54,7 +55,14 @@ def joined_robot(robots: Sequence[SceneRobot]) -> Robot:
         joint_rotation=np.array(rotation),
         tools=tools,
         default_tool=f"{robots[0].name}/{robots[0].robot.default_tool}",
-        **side_by_side,
+        axis=side_by_side("axis"),
+        prismatic=side_by_side("prismatic"),
+        lower=side_by_side("lower"),
+        upper=side_by_side("upper"),
+        velocity=side_by_side("velocity"),
+        acceleration=side_by_side("acceleration"),
+        effort=side_by_side("effort"),
+        home=side_by_side("home"),
     )
 
 

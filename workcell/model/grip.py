@@ -28,7 +28,9 @@ def fingers_at(scene: Scene, robot: SceneRobot, opening: float) -> Fingers:
         InputError: a share outside [0, 1].
     """
     if not 0.0 <= opening <= 1.0:
-        raise InputError(f"an opening of {opening}", where="opening", remedy="a share from 0 (closed) to 1 (open)")
+        raise InputError(
+            f"an opening of {opening}", where="opening", remedy="a share from 0 (closed) to 1 (open)"
+        )
     placed = []
     for joint, (address, opened) in zip(_joints(scene, robot), robot.fingers, strict=True):
         low, high = scene.model.jnt_range[joint]

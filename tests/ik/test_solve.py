@@ -134,7 +134,7 @@ def test_a_solver_that_does_not_apply_is_passed_over_by_auto_alone(monkeypatch):
         module.Stage("ikspark", module._SOLVERS["ikspark"], share=0.5),
         module.Stage("multistart", solve_multistart),
     )
-    monkeypatch.setattr(module, "_portfolio", lambda: stages)
+    monkeypatch.setattr(module, "_portfolio", lambda dof: stages)
     result = solve(IKProblem(robot, target))
     assert result.solved and "ikspark does not apply" in result.rejected[0]
 

@@ -141,13 +141,14 @@ class _Inside:
         return self._branch(self._model, left, seed)
 
 
-def _portfolio() -> tuple[Stage, ...]:
+def _portfolio(dof: int) -> tuple[Stage, ...]:
     """Stages of `auto`. Nearly all problems that have a solution fall to the first samples, nearly all others to branch and
     bound, which ends in a proof; what resists both gets longer turns of either, so that neither waits for the other."""
     branch, inside = _Resumed(), _Inside()
     return (
         Stage("elementary", _elementary, seconds=0.0),
-        Stage("hjcd", _hjcd, seconds=0.002),
+        # Six joints have few configurations: one millisecond tells, and branch and bound needs but a few more.
+        Stage("hjcd", _hjcd, seconds=0.001 if dof <= 6 else 0.002),
         Stage("branch", branch, seconds=0.01),
         Stage("hjcd", _hjcd, seconds=0.004),
         Stage("branch", branch, seconds=0.06),
@@ -205,7 +206,7 @@ def solve(problem: IKProblem, solver: str = AUTO, budget: Budget | None = None, 
             where="solver",
             remedy="auto, branch or cidgik",
         )
-    stages = _portfolio() if solver == AUTO else (Stage(solver, _SOLVERS[solver]),)
+    stages = _portfolio(problem.robot.dof) if solver == AUTO else (Stage(solver, _SOLVERS[solver]),)
     if problem.goal != "pose" and solver == AUTO:
         stages = (Stage("branch", _branch),)
     return _Portfolio(problem, solver, budget or Budget(), int(seed)).run(stages)

@@ -19,7 +19,7 @@ from workcell.bench.cidgik_cells import (
 )
 from workcell.bench.cidgik_scaling import long_arm
 from workcell.bench.cidgik_supplement import infeasible_problems
-from workcell.bench.ur10_closed_form import closed_form
+from workcell.bench.closed_forms import parallel_arm
 from workcell.ik.certificate import Certificate
 from workcell.ik.check import check_certificate
 from workcell.ik.cidgik import prove_cidgik, solve_cidgik
@@ -246,7 +246,7 @@ def test_poses_whose_solutions_all_collide() -> None:
     proved = [certificate for problem in problems if (certificate := prove_cidgik(problem)) is not None]
     assert proved and all(certificate.scope == "geometry" for certificate in proved)
     for problem in problems:
-        assert len(closed_form(robot, problem.target.matrix)) > 0
+        assert len(parallel_arm(robot, problem.target)) > 0
         assert solve_cidgik(problem, Budget(0.05)).q is None
     blocked = next(p for p in problems if prove_cidgik(p) is not None)
     result = solve(blocked, "cidgik", Budget(2.0))

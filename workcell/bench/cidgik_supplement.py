@@ -16,9 +16,9 @@ from workcell.bench.cidgik_cells import (
     random_problems,
     spheres,
 )
+from workcell.bench.closed_forms import parallel_arm
 from workcell.bench.reports import cpu_figures
 from workcell.bench.tables import Bench, Row
-from workcell.bench.ur10_closed_form import closed_form
 from workcell.ik.cidgik import prove_cidgik
 from workcell.ik.cidgik_goals import Balls, Goal, Points, Query, Workspace
 from workcell.ik.cidgik_model import relaxation_at
@@ -90,16 +90,16 @@ def infeasible_problems(n: int, seed: int) -> list[IKProblem]:
     rng = np.random.default_rng(seed)
     problems: list[IKProblem] = []
     while len(problems) < n:
-        T = arm.fk_transform(arm.random_configuration(rng))
-        solutions = closed_form(arm, T)
+        target = arm.fk(arm.random_configuration(rng))
+        solutions = parallel_arm(arm, target)
         if not len(solutions):
             continue
         links = arm.link_transforms(solutions)
         points = cover.centres_world(links)
         blocked = np.any(np.linalg.norm(points[:, :, None] - centres, axis=-1) < radius, axis=(1, 2))
-        fixed = np.array([T[:3, 3], links[0, -1, :3, 3]])
+        fixed = np.array([target.position, links[0, -1, :3, 3]])
         if np.all(blocked) and np.all(np.linalg.norm(fixed[:, None] - centres, axis=-1) >= radius):
-            problems.append(IKProblem(arm, arm.fk(solutions[0]), pieces, cover))
+            problems.append(IKProblem(arm, target, pieces, cover))
     return problems
 
 

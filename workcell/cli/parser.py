@@ -247,7 +247,7 @@ def _add_running(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
         "--planner",
         default="ikspark",
         metavar="NAME",
-        help="solver of the configurations and the path (default: ikspark)",
+        help="solver of the configurations and the path: ikspark, cidgik or auto (default: ikspark)",
     )
     run.add_argument(
         "--controller",

@@ -86,3 +86,9 @@ def test_a_task_that_fails_early_leaves_a_whole_summary(altered, tmp_path):
     assert set(promised.split()) <= set(written)
     assert written["status"] == "NOT_FOUND" and written["min_clearance_m"] is None
     assert not review(result.recording).achieved
+
+
+def test_an_unknown_controller_is_named_before_anything_is_written(tmp_path):
+    with pytest.raises(UnknownNameError, match=r"controller named 'serwo'.*did you mean servo"):
+        run_task("shelf_grasp", controller="serwo", out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()

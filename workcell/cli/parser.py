@@ -25,6 +25,7 @@ def build_parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="name")
     _add_models(commands)
     _add_solving(commands)
+    _add_bench(commands)
     _add_running(commands)
     return parser
 
@@ -196,6 +197,8 @@ def _add_solving(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     verify.add_argument("answers", metavar="ANSWERS.jsonl", help="what `solve` or `plan` wrote")
     _json_option(verify)
 
+
+def _add_bench(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     bench = _command(
         commands,
         "bench",

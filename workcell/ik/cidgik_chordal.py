@@ -8,6 +8,7 @@ row lies inside a block, and blocks of rank d that agree belong to one configura
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,7 +146,7 @@ class ChordalInstance:
         groups = (inequality, matrices, frames)
         agreement = self._agreement.copy()
         agreement[np.abs(agreement) < _STORED] = 0.0
-        A = [csc_matrix(agreement[:, :-1])] + [block_diag([r[:, :-1] for r in group]) for group in groups]
+        A: Any = [csc_matrix(agreement[:, :-1])] + [block_diag([r[:, :-1] for r in group]) for group in groups]
         b = [agreement[:, -1]] + [np.concatenate([r[:, -1] for r in group]) for group in groups]
         counts = sum(len(rows) for rows in inequality)
         orders = tuple(part.structure.order for part in self.parts)

@@ -51,7 +51,9 @@ def test_one_obstacle_in_the_way_is_named_and_its_removal_helps() -> None:
 
 def test_two_obstacles_that_both_have_to_go_are_both_named() -> None:
     walls = [box(name, on_forearm((0.5, 0.0)), (0.05, 0.05, 0.05)) for name in ("one", "two")]
-    problem = replace(question(at((0.5, 0.0)), *walls), goal="position")  # stretched: no other way to be there
+    problem = replace(
+        question(at((0.5, 0.0)), *walls), goal="position"
+    )  # stretched: no other way to be there
     why = explain(problem, solve(problem))
     assert {cause.name for cause in why.causes} == {"one", "two"}
     for wall in walls:

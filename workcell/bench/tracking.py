@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from workcell.bench.tables import Bench, Row
+from workcell.model.contact import CollisionModel
 from workcell.model.scene import Scene
 from workcell.motion.path import Path as JointPath
 from workcell.motion.path import Trajectory
@@ -21,6 +22,8 @@ from workcell.simulate.simulation import Settings, Simulation
 _STROKE = 0.6
 """Radians that each joint moves at most."""
 _TOOL_SPEED = 0.5
+_CLEAR = 0.01
+"""Metres that the motions keep, at twenty places on the way."""
 
 _CELL = '<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><site name="robot_mount"/></worldbody></mujoco>'
 _WEIGHT = """<mujoco><worldbody><body name="weight">
@@ -79,12 +82,15 @@ def _scene(arm: _Arm) -> Scene:
 
 
 def _motions(scene: Scene, n: int, seed: int) -> Iterator[Trajectory]:
-    """There and back: from the start to a random configuration near it."""
+    """There and back: from the start to a random configuration near it, clear of the robot itself on the way."""
     robot, rng = scene.robot().robot, np.random.default_rng(seed)
-    start = scene.robot().start
-    for _ in range(n):
+    start, model = scene.robot().start, CollisionModel(scene)
+    while n > 0:
         goal = np.clip(start + rng.uniform(-_STROKE, _STROKE, robot.dof), robot.lower, robot.upper)
-        yield retime(JointPath(robot, np.stack([start, goal, start])), tool_speed=_TOOL_SPEED)
+        way = JointPath(robot, np.stack([start, goal, start]))
+        if all(model.distance(q).distance > _CLEAR for q in way.at(np.linspace(0.0, 1.0, 20))):
+            yield retime(way, tool_speed=_TOOL_SPEED)
+            n -= 1
 
 
 def tracking(n: int, seed: int, sets: Path | None) -> list[Row]:

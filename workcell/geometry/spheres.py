@@ -9,6 +9,7 @@ names the cells that samples have missed until none is left.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -160,13 +161,15 @@ def attached_cover(
     Raises:
         UnknownNameError: no object of that name.
     """
-    thing = scene.object(object_name)
-    qpos = scene.initial_qpos()
-    T_world_object = _body_pose(scene.model, thing.body_id, qpos)
-    tool = robot.robot.tool()
-    T_link_world = tool.T_link_tool @ T_tool_object @ T_world_object.inverse()
-    world = pieces_of_bodies(scene.model, thing.body_ids, qpos)
-    return cover_of([move_piece(piece, T_link_world) for piece in world], overshoot, link=tool.link)
+    held, tool = scene.object(object_name), robot.robot.tool()
+    # covered where its own frame is the world's: the same numbers, and the same cover, wherever it stands
+    qpos = np.array(scene.model.qpos0)
+    if held.qpos_address is not None:
+        qpos[held.qpos_address : held.qpos_address + 7] = [0, 0, 0, 1, 0, 0, 0]
+    T_object_world = _body_pose(scene.model, held.body_id, qpos).inverse()
+    pieces = pieces_of_bodies(scene.model, sorted(held.body_ids), qpos)
+    cover = cover_of([move_piece(piece, T_object_world) for piece in pieces], overshoot, link=tool.link)
+    return replace(cover, centre=(tool.T_link_tool @ T_tool_object).apply(cover.centre))
 
 
 def obstacle_cover(

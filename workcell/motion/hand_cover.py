@@ -48,27 +48,6 @@ def cover_with_fingers(scene: Scene, robot: SceneRobot, overshoot: float) -> Sph
     return merge_covers(*parts)
 
 
-def carried_cover(
-    scene: Scene, robot: SceneRobot, thing: str, T_tool_object: Pose, overshoot: float
-) -> SphereCover:
-    """Outer cover of a carried object, in the frame of the link that carries the tool; covered once in its own frame.
-
-    Args:
-        scene: the scene.
-        robot: whose hand.
-        thing: the object's name; it has a free joint.
-        T_tool_object: how it stands in the tool's frame.
-        overshoot: metres that a sphere may stick out.
-    """
-    held, tool = scene.object(thing), robot.robot.tool()
-    at_origin = np.array(scene.model.qpos0)
-    if held.qpos_address is not None:
-        at_origin[held.qpos_address : held.qpos_address + 7] = [0, 0, 0, 1, 0, 0, 0]
-    pieces = pieces_of_bodies(scene.model, sorted(held.body_ids), at_origin)
-    cover = cover_of(pieces, overshoot, link=tool.link)
-    return replace(cover, centre=(tool.T_link_tool @ T_tool_object).apply(cover.centre))
-
-
 def _finger_bodies(scene: Scene, robot: SceneRobot) -> list[frozenset[int]]:
     """For each joint of the gripper whose body the tool's link carries, that body and all that hangs from it."""
     model, carried = scene.model, set(robot.link_body_ids[robot.robot.tool().link])

@@ -10,7 +10,7 @@ import numpy as np
 from workcell.errors import InputError, UnknownNameError
 from workcell.geometry.cuboids import biased_seeds, inflate_cuboids, outermost
 from workcell.geometry.pieces import scene_obstacles
-from workcell.geometry.spheres import merge_covers
+from workcell.geometry.spheres import attached_cover, merge_covers
 from workcell.geometry.types import FreeSpace, Piece, SphereCover
 from workcell.ik.problem import Clearance, IKProblem, Tolerances
 from workcell.ik.why_not import obstacle_name
@@ -18,7 +18,7 @@ from workcell.model.contact import CollisionModel
 from workcell.model.grip import fingers_at, fingers_holding, hand_clearance
 from workcell.model.robot import Robot
 from workcell.model.scene import Scene, SceneRobot
-from workcell.motion.hand_cover import carried_cover, cover_with_fingers
+from workcell.motion.hand_cover import cover_with_fingers
 from workcell.motion.inner_model import inner_model
 from workcell.pose import Array, Pose
 
@@ -104,7 +104,7 @@ class PlanningWorld:
         """
         actor = replace(self.robot, fingers=fingers_holding(self.scene, self.robot, thing, T_tool_object))
         scene = replace(self.scene, robots={**self.scene.robots, actor.name: actor})
-        carried = carried_cover(scene, actor, thing, T_tool_object, self.overshoot)
+        carried = attached_cover(scene, actor, thing, T_tool_object, overshoot=self.overshoot)
         world = replace(
             self,
             scene=scene,

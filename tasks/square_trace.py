@@ -31,7 +31,7 @@ def run(job: Job) -> None:
         job.log_plan(there + outline)
         approach = job.retime(world, there, 2 * speed, "motion to the square")
         at = [int(np.argmin(away)) for away in distances(outline, corners)]
-        at[-1] = len(outline) - 1
+        at[0], at[-1] = 0, len(outline) - 1  # one place, twice
         sides = [outline.part(i, j) for i, j in pairwise(at)]
         drawn = [job.retime(world, side, speed, f"motion along side {k + 1}") for k, side in enumerate(sides)]
 

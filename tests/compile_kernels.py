@@ -1,0 +1,36 @@
+"""Compiles the kernels that most tests call, one share of them a process, so that no test pays for it twice.
+
+    python -m tests.compile_kernels branch | sampling
+"""
+
+from __future__ import annotations
+
+import sys
+
+
+def branch() -> None:
+    """The solver and the checker of branch and bound."""
+    from workcell.ik.branch import prepare
+
+    prepare()
+
+
+def sampling() -> None:
+    """Clearances, sampling with and without obstacles, and planning."""
+    from tests.ik.arms import beads, box, planar
+    from workcell.geometry.engine import ClearanceEngine
+    from workcell.ik import hjcdik, screen
+    from workcell.ik.problem import IKProblem
+    from workcell.motion import search
+
+    arm = planar()
+    target, wall = arm.fk(arm.home), box("wall", (2.0, 0.0, 0.0), (0.1, 0.1, 0.1))
+    screen.prepare()
+    hjcdik.prepare(IKProblem(arm, target, (wall,), beads(arm)))
+    hjcdik.prepare(IKProblem(arm, target))
+    ClearanceEngine(arm, beads(arm), (wall,)).clearance_and_gradient(arm.home)
+    search.prepare()
+
+
+if __name__ == "__main__":
+    {"branch": branch, "sampling": sampling}[sys.argv[1]]()

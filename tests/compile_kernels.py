@@ -1,6 +1,6 @@
 """Compiles the kernels that most tests call, one share of them a process, so that no test pays for it twice.
 
-    python -m tests.compile_kernels branch | sampling
+python -m tests.compile_kernels branch | sampling
 """
 
 from __future__ import annotations

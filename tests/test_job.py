@@ -6,9 +6,9 @@ import shutil
 import pytest
 
 from workcell.errors import InputError, ModelError, UnknownNameError
-from workcell.job import run_task
 from workcell.model.data import find_task
 from workcell.record.review import review
+from workcell.run import run_task
 
 
 @pytest.fixture

@@ -41,7 +41,7 @@ def running(tmp_path):
     out.mkdir()
     for name in ("long.rrd", "long.json", "notes.txt"):
         (out / name).write_text(f"an earlier {name}")
-    code = f"from workcell.job import run_task; run_task({str(tmp_path / 'long.toml')!r}, out={str(out)!r}, say=lambda _: None)"
+    code = f"from workcell.run import run_task; run_task({str(tmp_path / 'long.toml')!r}, out={str(out)!r}, say=lambda _: None)"
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     yield process, out
     process.kill()

@@ -7,9 +7,9 @@ import sys
 import pytest
 
 from workcell.errors import ScriptError
-from workcell.job import run_task
 from workcell.model.data import find_task
 from workcell.record.review import review
+from workcell.run import run_task
 
 
 @pytest.fixture

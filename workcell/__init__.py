@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from workcell.ik.solve import solve
     from workcell.ik.verify import verify
     from workcell.ik.why_not import explain
-    from workcell.job import Job, run_task
+    from workcell.job import Job
     from workcell.model.load import load_robot
     from workcell.model.robot import Robot
     from workcell.model.scene import Scene
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from workcell.pose import Pose
     from workcell.record.recording import Recording
     from workcell.record.review import review
+    from workcell.run import run_task
     from workcell.simulate.carried import carried
     from workcell.simulate.simulation import Simulation
 
@@ -64,7 +65,7 @@ _HOMES = {
     "verify": "ik.verify",
     "explain": "ik.why_not",
     "Job": "job",
-    "run_task": "job",
+    "run_task": "run",
     "load_robot": "model.load",
     "Robot": "model.robot",
     "Scene": "model.scene",

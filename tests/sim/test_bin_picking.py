@@ -4,9 +4,9 @@ import shutil
 
 import pytest
 
-from workcell.job import run_task
 from workcell.model.data import find_task
 from workcell.record.review import review
+from workcell.run import run_task
 
 
 def variant(folder, change):

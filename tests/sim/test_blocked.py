@@ -11,11 +11,11 @@ import pytest
 
 from workcell.ik.certificate import Certificate
 from workcell.ik.check import check_certificate
-from workcell.job import JobResult, run_task
 from workcell.model.data import find_task
 from workcell.model.scene import Scene
 from workcell.motion.world import PlanningWorld
 from workcell.record.review import review
+from workcell.run import JobResult, run_task
 
 
 @pytest.fixture(scope="module")

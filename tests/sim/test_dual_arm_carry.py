@@ -2,8 +2,8 @@
 
 import pytest
 
-from workcell.job import run_task
 from workcell.record.review import review
+from workcell.run import run_task
 
 
 @pytest.fixture(scope="module")

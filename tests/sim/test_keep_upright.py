@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from workcell.job import run_task
 from workcell.model.scene import Scene
 from workcell.record.review import review
+from workcell.run import run_task
 from workcell.simulate.carried import carried
 
 

@@ -5,9 +5,9 @@ import shutil
 
 import pytest
 
-from workcell.job import run_task
 from workcell.model.data import find_asset, find_task
 from workcell.record.review import review
+from workcell.run import run_task
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,9 @@ import shutil
 import numpy as np
 import pytest
 
-from workcell.job import run_task
 from workcell.model.data import find_task
 from workcell.record.review import review
+from workcell.run import run_task
 
 
 @pytest.fixture(scope="module")

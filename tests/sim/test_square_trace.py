@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from workcell.job import run_task
+from workcell.run import run_task
 
 
 @pytest.fixture(scope="module")

@@ -43,7 +43,7 @@ def _one(folder: Path, until: float) -> tuple[bool, float, bool]:
     out.mkdir()
     for name in _EARLIER:
         (out / name).write_text(name)
-    code = f"from workcell.job import run_task; run_task({str(folder / 'long.toml')!r}, out={str(out)!r}, say=str)"
+    code = f"from workcell.run import run_task; run_task({str(folder / 'long.toml')!r}, out={str(out)!r}, say=str)"
     told = 0.0
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None

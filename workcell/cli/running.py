@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def run(options: argparse.Namespace) -> int:
     """Run a task; the story goes to standard output, or one JSON object with --json."""
-    from workcell.job import run_task
+    from workcell.run import run_task
 
     def silent(_: str) -> None:
         return

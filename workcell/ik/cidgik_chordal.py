@@ -146,7 +146,9 @@ class ChordalInstance:
         groups = (inequality, matrices, frames)
         agreement = self._agreement.copy()
         agreement[np.abs(agreement) < _STORED] = 0.0
-        A: Any = [csc_matrix(agreement[:, :-1])] + [block_diag([r[:, :-1] for r in group]) for group in groups]
+        A: Any = [csc_matrix(agreement[:, :-1])] + [
+            block_diag([r[:, :-1] for r in group]) for group in groups
+        ]
         b = [agreement[:, -1]] + [np.concatenate([r[:, -1] for r in group]) for group in groups]
         counts = sum(len(rows) for rows in inequality)
         orders = tuple(part.structure.order for part in self.parts)

@@ -22,7 +22,7 @@ def grasp_of(job: Job, world: PlanningWorld, part: str) -> Pose:
     turns = [grasp @ Pose(np.zeros(3), np.array([np.cos(a), 0.0, 0.0, np.sin(a)])) for a in halves]
     fitting = [turn for turn in turns if world.hand_clearance(turn, [part]) >= world.scene.task["room"]]
     if not fitting:
-        job.fail("BLOCKED", f"{part}: the hand does not fit around it at any of its {symmetry} grasps.")
+        job.fail("NOT_FOUND", f"{part}: the hand does not fit around it at any of its {symmetry} grasps.")
     tool = world.robot.robot.fk(world.robot.start)
     return min(fitting, key=lambda turn: turn.error_to(tool)[1])
 
@@ -48,8 +48,18 @@ def plan_part(job: Job, scene: Scene, part: str):
     emptied = PlanningWorld.of(after, opening=task["opening"], approached=[part], seed=job.seed)
     back = job.follow(emptied, line(put, up @ put), down.end, LIMITS, f"{part}: off the tray")
     job.log_plan(into + out + over + down + back)
-    ways = ((world, into), (lifting, out), (carrying, over), (placing, down), (emptied, back))
-    motions = [job.retime(view, path, task["max_tool_speed"], f"{part}: motion") for view, path in ways]
+    gentle = task["gentle"]  # what a hand holds by friction must not be jerked
+    ways = (
+        (world, into, None),
+        (lifting, out, gentle),
+        (carrying, over, gentle),
+        (placing, down, gentle),
+        (emptied, back, None),
+    )
+    motions = [
+        job.retime(view, path, task["max_tool_speed"], f"{part}: motion", acceleration=limit)
+        for view, path, limit in ways
+    ]
     return motions, after.with_start(arm.name, back.end)
 
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from workcell.ik.result import IKResult
 from workcell.ik.solve import solve
 from workcell.motion.follow import FollowLimits, FollowResult, Solver, follow, line, local_solver, step_solver
@@ -70,20 +72,22 @@ def reach(
     if followed.path is not None and followed.followed:
         return ReachResult(followed.path, "followed from the start", None, ())
     failures = [f"from the start: {_words(followed)}"]
-    ik = None
+    answers = []
     for k in range(tries):
-        ik = solve(world.problem(inward[-1]), solver=solver, seed=seed + k)
-        if ik.status.is_proof:
-            failures.append(ik.status.sentence)
+        answers.append(solve(world.problem(inward[-1]), solver=solver, seed=seed + k))
+        if answers[-1].status.is_proof:
+            failures.append(answers[-1].status.sentence)
             break
-        if not ik.solved:
-            failures.append(f"goal configuration {k}: {ik.status.sentence}")
-            continue
+        if not answers[-1].solved:
+            failures.append(f"goal configuration {k}: {answers[-1].status.sentence}")
+    solved = [ik for ik in answers if ik.solved]
+    # the nearest first: a transfer with half a turn less is shorter, and gentler to what is in the hand
+    for k, ik in enumerate(sorted(solved, key=lambda ik: float(np.abs(ik.unwrap() - q_start).max()))):
         path, why = _by_way_of(world, q_start, inward, ik.unwrap(), limits, solver, seed + k)
         if path is not None:
             return ReachResult(path, f"by way of goal configuration {k}", ik, tuple(failures))
         failures.append(f"goal configuration {k}: {why}")
-    return ReachResult(None, "not found", ik, tuple(failures))
+    return ReachResult(None, "not found", answers[-1] if answers else None, tuple(failures))
 
 
 def _by_way_of(

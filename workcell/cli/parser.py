@@ -145,6 +145,12 @@ def _add_solving(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     ik._negative_number_matcher = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$|^-(inf|nan)$")
     ik.add_argument("--tool", metavar="SITE", help="the site to place (default: the robot's tool)")
     ik.add_argument("--cell", metavar="CELL", help="a cell or task with obstacles")
+    ik.add_argument(
+        "--goal",
+        choices=("pose", "position", "axis"),
+        default="pose",
+        help="what of the pose counts: all, the position, or it and the z axis' direction (default: pose)",
+    )
     ik.add_argument("--no-why", action="store_true", help='don\'t explain a proved "no" (it takes seconds)')
     _solver_options(ik)
     _json_option(ik)

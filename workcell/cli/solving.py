@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +27,7 @@ def ik(options: argparse.Namespace) -> int:
 
     check_solver_name(options.solver)
     target = Pose(np.array(options.pose[:3]), np.array(options.pose[3:]))
-    problem = _world(options).problem(target)
+    problem = replace(_world(options).problem(target), goal=options.goal)
     result = solve(problem, solver=options.solver, budget=Budget(options.budget_s), seed=options.seed)
     why = None
     if result.status.is_proof and not options.no_why:

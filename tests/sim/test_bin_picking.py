@@ -51,5 +51,5 @@ def test_a_hand_that_does_not_fit_is_said_before_anything_moves(tmp_path):
         return "room = 0.05" if kept is not None and kept.startswith("room =") else kept
 
     result = run_task(variant(tmp_path, change), out=tmp_path / "out", say=lambda _: None)
-    assert not result.achieved and result.status == "BLOCKED"
+    assert not result.achieved and result.status == "NOT_FOUND"
     assert "block: the hand does not fit around it at any of its 4 grasps" in result.sentence

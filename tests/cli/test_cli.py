@@ -169,10 +169,11 @@ def test_metrics_are_printed_with_their_units():
     assert _metric("cuboids", 10) == ("cuboids", "10")
 
 
+POSE = ("0.9", "0.3", "0.2", "1", "0", "0", "0")
+
+
 def test_ik_takes_a_goal_of_less_than_a_pose(capsys):
-    code, out, _ = call(
-        capsys, "ik", "ur10", "--pose", *"0.9 0.3 0.2 1 0 0 0".split(), "--goal", "position", "--json"
-    )
+    code, out, _ = call(capsys, "ik", "ur10", "--pose", *POSE, "--goal", "position", "--json")
     assert code == 0
     answer = json.loads(out)
     assert (
@@ -180,5 +181,5 @@ def test_ik_takes_a_goal_of_less_than_a_pose(capsys):
         and answer["position_error_m"] <= 1e-4
         and answer["rotation_error_rad"] == 0.0
     )
-    code, _, error = call(capsys, "ik", "ur10", "--pose", *"0.9 0.3 0.2 1 0 0 0".split(), "--goal", "tip")
+    code, _, error = call(capsys, "ik", "ur10", "--pose", *POSE, "--goal", "tip")
     assert code == 2 and "position" in error

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.ik import reaching
 from tests.ik.arms import beads, hugged, planar
 from tests.ik.lifted_arms import X, Z, arm, parallel_elbow, seven_axis, skew_arm
 from workcell.bench.cidgik_cells import bench_arm, environment, joint_points, off_centre, random_problems
@@ -16,9 +18,8 @@ from workcell.errors import InputError
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.cidgik import solve_cidgik
 from workcell.ik.cidgik_model import relaxation_at
-from workcell.ik.cidgik_rank import RANK_GAP, converge
+from workcell.ik.cidgik_rank import converge
 from workcell.ik.cidgik_recover import joint_angles, nearest_turn
-from workcell.ik.cidgik_search import MAX_POLISH
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import Status
 from workcell.ik.solve import solve
@@ -29,16 +30,7 @@ from workcell.pose import Pose
 BUDGET = Budget(10.0)
 
 
-def reached(problem: IKProblem, seed: int = 0, **options: bool) -> np.ndarray:
-    candidate = solve_cidgik(problem, BUDGET, seed, **options)
-    assert candidate.certificate is None and candidate.error is None
-    assert candidate.q is not None, candidate.rejected
-    verdict = verify(problem, candidate.q)
-    assert verdict.accepted, verdict.reasons
-    if not options.get("local"):
-        assert candidate.stats["rank_gap"] < RANK_GAP
-        assert candidate.stats["moved"] <= MAX_POLISH
-    return candidate.q
+assert_reached = functools.partial(reaching.assert_reached, solve_cidgik)
 
 
 ARMS = [
@@ -56,7 +48,7 @@ ARMS = [
 def test_reachable_poses_are_reached(robot: Robot) -> None:
     rng = np.random.default_rng(1)
     for seed in range(2):
-        reached(IKProblem(robot, robot.fk(robot.random_configuration(rng))), seed)
+        assert_reached(IKProblem(robot, robot.fk(robot.random_configuration(rng))), seed)
 
 
 @pytest.mark.parametrize("joints", [1, 2, 3])
@@ -64,19 +56,19 @@ def test_short_arms(joints: int) -> None:
     """Goal and base may fix every vector: then there is nothing to minimise."""
     robot = skew_arm(joints, joints)
     pose = robot.fk(robot.random_configuration(np.random.default_rng(0)))
-    reached(IKProblem(robot, pose))
+    assert_reached(IKProblem(robot, pose))
     away = Pose(pose.position + np.array([0.05, 0.02, 0.3]), pose.quat_wxyz)
     assert solve(IKProblem(robot, away), "cidgik", Budget(1.0)).status is Status.UNREACHABLE
 
 
 def test_same_seed_same_answer() -> None:
     problem = IKProblem(ARMS[2], ARMS[2].fk(np.linspace(-1.0, 1.0, 7)))
-    assert np.array_equal(reached(problem, 5), reached(problem, 5))
+    assert np.array_equal(assert_reached(problem, 5), assert_reached(problem, 5))
 
 
 def test_local_search_is_another_solver() -> None:
     robot = skew_arm(3, 6)
-    reached(IKProblem(robot, robot.fk(np.full(6, 0.4))), local=True)
+    assert_reached(IKProblem(robot, robot.fk(np.full(6, 0.4))), local=True)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -124,7 +116,7 @@ def _mirror_image(robot: Robot) -> Robot:
 def test_spheres_are_kept_out_of(name: str) -> None:
     for robot in (bench_arm("ur10"), off_centre(bench_arm("kuka"))):
         for seed, problem in enumerate(random_problems(robot, joint_points(robot), *environment(name), 2, 3)):
-            reached(problem, seed)
+            assert_reached(problem, seed)
 
 
 def test_a_thousand_spheres_of_which_many_stand_around_the_arm() -> None:
@@ -145,7 +137,7 @@ def test_boxes_and_points_off_the_links_are_avoided() -> None:
     )
     problem = hugged(robot, off_axis, np.random.default_rng(4), 4)
     assert len(relaxation_at(problem)[0].structure.skeleton.framed - {0, 7}) >= 2
-    reached(problem)
+    assert_reached(problem)
 
 
 @pytest.mark.parametrize("goal", ["position", "axis"])
@@ -179,7 +171,7 @@ def test_steps_stay_near_the_reference() -> None:
     robot = seven_axis()
     q = np.array([0.3, 0.6, -0.2, 1.0, 0.4, 0.8, 0.0])
     moved = robot.fk(q + 0.04)
-    found = reached(IKProblem(robot, moved, q_reference=q, max_step=0.1))
+    found = assert_reached(IKProblem(robot, moved, q_reference=q, max_step=0.1))
     assert np.abs(found - q).max() <= 0.1 + 1e-9
 
 
@@ -187,7 +179,7 @@ def test_steps_stay_near_the_reference() -> None:
 def test_long_chains_in_blocks(limit: float) -> None:
     robot = long_arm(34, limit)
     q = np.random.default_rng(0).uniform(-1.5, 1.5, 34)
-    reached(IKProblem(robot, robot.fk(q)), 1)
+    assert_reached(IKProblem(robot, robot.fk(q)), 1)
 
 
 def test_a_reference_outside_the_limits_is_a_result() -> None:

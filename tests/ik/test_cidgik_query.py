@@ -22,7 +22,7 @@ from workcell.pose import Pose
 BUDGET = Budget(5.0)
 
 
-def solved(query: Query, seed: int = 0) -> np.ndarray:
+def assert_solved(query: Query, seed: int = 0) -> np.ndarray:
     answer = solve_query(query, BUDGET, seed)
     assert answer.status is Status.SOLVED, answer.rejected
     assert answer.q is not None and answer.verdict is not None
@@ -68,7 +68,7 @@ def test_the_papers_toy_goes_round_the_disc() -> None:
     """Unit links, goal (1, 1): the elbow is at (1, 0) or (0, 1), and a disc is at the former."""
     disc = Workspace(Points.joints(TWO_LINKS), Balls([[1.0, 0.0, 0.0]], [0.5]))
     for seed in range(3):
-        q = solved(Query(TWO_LINKS, (CORNER,), disc, dimension=2), seed)
+        q = assert_solved(Query(TWO_LINKS, (CORNER,), disc, dimension=2), seed)
         assert np.allclose(TWO_LINKS.link_transforms(q)[2, :3, 3], [0.0, 1.0, 0.0], atol=1e-6)
 
 
@@ -91,7 +91,7 @@ def test_a_planar_arm_reaches_poses_within_its_limits() -> None:
     rng = np.random.default_rng(0)
     for seed in range(3):
         pose = robot.fk(robot.random_configuration(rng))
-        solved(Query(robot, (Goal.posed("tool", pose),), dimension=2), seed)
+        assert_solved(Query(robot, (Goal.posed("tool", pose),), dimension=2), seed)
 
 
 def test_a_planar_goal_out_of_reach_is_certified() -> None:
@@ -108,9 +108,9 @@ def test_a_tree_reaches_several_goals_at_once() -> None:
     for seed in range(2):
         q = robot.random_configuration(rng)
         left, right = robot.fk(q, "left"), robot.fk(q, "right")
-        solved(Query(robot, (Goal.at("left", left.position), Goal.at("right", right.position))), seed)
+        assert_solved(Query(robot, (Goal.at("left", left.position), Goal.at("right", right.position))), seed)
         along = Goal.pointing("right", right.position, right.rotation[:, 1], (0.0, 1.0, 0.0))
-        solved(Query(robot, (Goal.posed("left", left), along)), seed)
+        assert_solved(Query(robot, (Goal.posed("left", left), along)), seed)
 
 
 def test_two_goals_that_exclude_each_other_are_certified() -> None:
@@ -129,10 +129,10 @@ def test_planes_hold_points_on_one_side_or_in_them() -> None:
     goal = Goal.at("tool", stands.position)
     for seed in range(2):
         above = Plane(np.array([0.0, 0.0, 2.0]), 2 * (height - 0.06))
-        q = solved(Query(robot, (goal,), Workspace(elbow, planes=(above,))), seed)
+        q = assert_solved(Query(robot, (goal,), Workspace(elbow, planes=(above,))), seed)
         assert robot.link_transforms(q)[3, 2, 3] >= height - 0.01
         level = Plane(np.array([0.0, 0.0, 1.0]), height, equal=True)
-        q = solved(Query(robot, (goal,), Workspace(elbow, planes=(level,))), seed)
+        q = assert_solved(Query(robot, (goal,), Workspace(elbow, planes=(level,))), seed)
         assert robot.link_transforms(q)[3, 2, 3] == pytest.approx(height, abs=1e-5)
 
 
@@ -141,7 +141,7 @@ def test_points_stay_inside_a_sphere() -> None:
     goal = Goal.at("tool", [0.5, 0.3, 0.4])
     joints = Points.joints(robot)
     ball = Balls([[0.3, 0.2, 0.4]], [0.6])
-    q = solved(Query(robot, (goal,), Workspace(joints, inside=ball)))
+    q = assert_solved(Query(robot, (goal,), Workspace(joints, inside=ball)))
     away = np.linalg.norm(robot.link_transforms(q)[1:, :3, 3] - ball.centre, axis=1)
     assert away.max() <= 0.6 + 1e-9
 
@@ -153,7 +153,7 @@ def test_points_of_one_arm_keep_apart() -> None:
     free = Query(robot, (goal,), dimension=2)
     apart = replace(free, workspace=Workspace(points, apart=((0, 1),)))
     for seed in range(3):
-        q = solved(apart, seed)
+        q = assert_solved(apart, seed)
         T = robot.link_transforms(q)
         one, other = (T[k] @ [0.3, 0.0, 0.0, 1.0] for k in (1, 4))
         assert np.linalg.norm(one - other) >= 0.2

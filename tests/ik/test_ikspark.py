@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from tests.ik import reaching
 from tests.ik.arms import beads, box
 from tests.ik.lifted_arms import X, Y, Z, arm, parallel_elbow, scara, seven_axis, skew_arm
 from workcell.errors import InputError
-from workcell.ik.ikspark import MAX_POLISH, solve_ikspark
+from workcell.ik.ikspark import solve_ikspark
 from workcell.ik.polish import polish
 from workcell.ik.problem import Budget, IKProblem
-from workcell.ik.rank import RANK_GAP
 from workcell.ik.verify import verify
 from workcell.model.robot import Robot
 from workcell.pose import Pose
@@ -21,16 +22,7 @@ from workcell.pose import Pose
 BUDGET = Budget(10.0)
 
 
-def reached(problem: IKProblem, seed: int = 0, **options: bool) -> np.ndarray:
-    candidate = solve_ikspark(problem, BUDGET, seed, **options)
-    assert candidate.certificate is None and candidate.error is None
-    assert candidate.q is not None, candidate.rejected
-    verdict = verify(problem, candidate.q)
-    assert verdict.accepted, verdict.reasons
-    if not options.get("local"):
-        assert candidate.stats["rank_gap"] < RANK_GAP
-        assert candidate.stats["moved"] <= MAX_POLISH
-    return candidate.q
+assert_reached = functools.partial(reaching.assert_reached, solve_ikspark)
 
 
 @pytest.mark.parametrize(
@@ -42,7 +34,7 @@ def test_reachable_poses(robot: Robot) -> None:
     rng = np.random.default_rng(5)
     for _ in range(3):
         problem = IKProblem(robot, robot.fk(robot.random_configuration(rng)))
-        reached(problem)
+        assert_reached(problem)
 
 
 @pytest.mark.parametrize(
@@ -52,32 +44,32 @@ def test_short_chains(robot: Robot) -> None:
     rng = np.random.default_rng(6)
     for _ in range(3):
         problem = IKProblem(robot, robot.fk(robot.random_configuration(rng)))
-        reached(problem)
+        assert_reached(problem)
 
 
 def test_a_long_chain() -> None:
     robot = skew_arm(3, 20)
-    reached(IKProblem(robot, robot.fk(robot.random_configuration(np.random.default_rng(0)))))
+    assert_reached(IKProblem(robot, robot.fk(robot.random_configuration(np.random.default_rng(0)))))
 
 
 def test_the_base_may_stand_anywhere() -> None:
     base = Pose(np.array([2.0, -1.0, 0.3]), np.array([0.5, -0.5, 0.5, 0.5]))
     robot = replace(seven_axis(), T_world_base=base)
-    reached(IKProblem(robot, robot.fk(robot.random_configuration(np.random.default_rng(1)))))
+    assert_reached(IKProblem(robot, robot.fk(robot.random_configuration(np.random.default_rng(1)))))
 
 
 def test_same_seed_same_answer_whatever_was_solved_before() -> None:
     robot, rng = seven_axis(), np.random.default_rng(9)
     problem, other = (IKProblem(robot, robot.fk(robot.random_configuration(rng))) for _ in range(2))
-    first = reached(problem, seed=4)
-    reached(other, seed=1)
-    assert np.array_equal(first, reached(problem, seed=4))
+    first = assert_reached(problem, seed=4)
+    assert_reached(other, seed=1)
+    assert np.array_equal(first, assert_reached(problem, seed=4))
 
 
 def test_answers_are_unwrapped_into_the_limits() -> None:
     robot = replace(seven_axis(), lower=np.full(7, 1.0), upper=np.full(7, 7.0))
     q = robot.random_configuration(np.random.default_rng(2))
-    found = reached(IKProblem(robot, robot.fk(q)))
+    found = assert_reached(IKProblem(robot, robot.fk(q)))
     assert np.all((found >= 1.0) & (found <= 7.0))
 
 
@@ -87,7 +79,7 @@ def test_next_to_a_reference_within_a_step() -> None:
         reference = rng.uniform(-2.0, 2.0, 7)
         target = robot.fk(reference + rng.uniform(-0.05, 0.05, 7))
         problem = IKProblem(robot, target, q_reference=reference, max_step=0.08, max_link_rotation=0.5)
-        assert np.abs(reached(problem) - reference).max() <= 0.08 + 1e-9
+        assert np.abs(assert_reached(problem) - reference).max() <= 0.08 + 1e-9
     assert solve_ikspark(problem, BUDGET, 0).stats["sdps"] <= 4
 
 
@@ -111,7 +103,7 @@ def test_around_obstacles() -> None:
         problem = IKProblem(robot, robot.fk(q), obstacles=boxes, cover=cover)
         if not verify(problem, q).accepted:
             continue
-        reached(problem, seed=solved)
+        assert_reached(problem, seed=solved)
         solved += 1
 
 
@@ -120,7 +112,7 @@ def test_local_search_from_iterates_is_an_option() -> None:
     rng = np.random.default_rng(12)
     for seed in range(3):
         problem = IKProblem(robot, robot.fk(robot.random_configuration(rng)))
-        reached(problem, seed, local=True)
+        assert_reached(problem, seed, local=True)
 
 
 def test_no_budget_no_answer() -> None:

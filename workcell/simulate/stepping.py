@@ -45,23 +45,7 @@ class Settings:
 
 
 class Stepper:
-    """Robots, controllers, guards and log of one simulated scene; `Simulation` says what the parts mean.
-
-    Args:
-        scene: the scene; its model is copied.
-        robot: the robot meant where none is named; None: the only one.
-        controller: a name of `CONTROLLERS`.
-        imperfections: errors, noise and pushes; None: a perfect cell.
-        settings: gains, guards, logging.
-        on_chunk: called with the rows of the last `chunk_s` seconds while the simulation runs.
-
-    Attributes:
-        arms: the robots in motion, by name.
-        stop: why the run ended early, or None.
-
-    Raises:
-        UnknownNameError: no such robot, controller, or pushed body; ModelError: motors that are none.
-    """
+    """Robots, controllers, guards and log of one simulated scene; `Simulation` says what the arguments and parts mean."""
 
     def __init__(
         self,

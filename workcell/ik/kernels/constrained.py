@@ -9,6 +9,7 @@ import numpy as np
 from workcell.geometry.kernels.chain import Arm, forward
 from workcell.ik.kernels.chain import jacobian, pose_error, read_target
 from workcell.ik.kernels.contact import MOST_CONTACTS, Contacts, collect, contact_row, room
+from workcell.ik.kernels.dual import hildreth, project
 from workcell.ik.kernels.linear import factor6, gram, solve6
 from workcell.ik.kernels.newton import polish
 from workcell.ik.kernels.options import Work, World, scratch
@@ -23,6 +24,8 @@ DEEPEST = 0.02
 """Metres that a step asks a pair to move apart at most: linearisation holds no further."""
 SWEEPS = 60
 """Passes over the constraints of one quadratic program."""
+_LEAST = 1e-8
+"""Square of a gradient's part in the null space from which its bound can be kept there."""
 
 
 @inner
@@ -60,21 +63,7 @@ def _constraints(
                 rows[m, k] = 1.0 - 2.0 * side
                 rows[m, 2 * n] = -room_left
                 m += 1
-    for c in range(m):
-        for r in range(6):
-            work.y[r] = 0.0
-            for k in range(n):
-                work.y[r] += work.J[r, k] * rows[c, k]
-        solve6(work.A, work.y, work.y)
-        square = 0.0
-        for k in range(n):
-            part = rows[c, k]
-            for r in range(6):
-                part -= work.J[r, k] * work.y[r]
-            rows[c, n + k] = part
-            square += part * part
-            rows[c, 2 * n] -= rows[c, k] * work.newton[k]
-        rows[c, 2 * n + 1], rows[c, 2 * n + 2] = square, 0.0
+    project(rows, m, work)
     return m
 
 
@@ -93,23 +82,8 @@ def _step(
         work.newton[k] = 0.0
         for r in range(6):
             work.newton[k] += work.J[r, k] * work.y[r]
-        work.gradient[k] = 0.0
     m = _constraints(arm, world, q, trust, work, contacts, rows)
-    for _sweep in range(SWEEPS):
-        change = 0.0
-        for c in range(m):
-            if rows[c, 2 * n + 1] < 1e-8:
-                continue
-            slack = -rows[c, 2 * n]
-            for k in range(n):
-                slack += rows[c, n + k] * work.gradient[k]
-            delta = max(-slack / rows[c, 2 * n + 1], -rows[c, 2 * n + 2])
-            rows[c, 2 * n + 2] += delta
-            for k in range(n):
-                work.gradient[k] += delta * rows[c, n + k]
-            change = max(change, abs(delta) * math.sqrt(rows[c, 2 * n + 1]))
-        if change < 1e-7:
-            break
+    hildreth(rows, m, SWEEPS, _LEAST, work.gradient)
     longest = 0.0
     for k in range(n):
         work.step[k] = work.newton[k] + work.gradient[k]

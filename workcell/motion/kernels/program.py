@@ -13,19 +13,20 @@ solved in closed form; the rest by Hildreth's method on the dual, in their null 
 
 from __future__ import annotations
 
-import math
-
 from workcell.geometry.kernels.chain import Arm
 from workcell.ik.kernels.chain import ROTATION_WEIGHT
 from workcell.ik.kernels.contact import contact_row
+from workcell.ik.kernels.dual import hildreth, project
 from workcell.ik.kernels.linear import factor6, gram, solve6
-from workcell.ik.kernels.options import Work, World
+from workcell.ik.kernels.options import World
 from workcell.jit import inner
 from workcell.motion.kernels.coordinates import LOOK_AHEAD, Room, rates
 from workcell.pose import Array
 
 SWEEPS = 40
 """Passes over the constraints of one program."""
+_LEAST = 1e-7
+"""Square of a gradient's part in the null space from which its bound can be kept there."""
 WANTED = 2e-4
 """Metres beyond the required clearance that a step aims at."""
 DEEPEST = 0.02
@@ -68,51 +69,6 @@ def _collect_rows(arm: Arm, world: World, box: Array, low: Array, high: Array, q
             rows[m, k] = -sign
             m = _inequality(n, m, q[k] - high[k] if sign > 0 else low[k] - q[k], rows)
     return m
-
-
-@inner
-def _project(rows: Array, m: int, work: Work) -> None:
-    """The part of each row in the null space of the equalities, its square, and the bound less work.newton's share."""
-    n = work.newton.shape[0]
-    for c in range(m):
-        for r in range(6):
-            work.y[r] = 0.0
-            for k in range(n):
-                work.y[r] += work.J[r, k] * rows[c, k]
-        solve6(work.A, work.y, work.y)
-        square = 0.0
-        for k in range(n):
-            part = rows[c, k]
-            for r in range(6):
-                part -= work.J[r, k] * work.y[r]
-            rows[c, n + k] = part
-            square += part * part
-            rows[c, 2 * n] -= rows[c, k] * work.newton[k]
-        rows[c, 2 * n + 1], rows[c, 2 * n + 2] = square, 0.0
-
-
-@inner
-def _hildreth(rows: Array, m: int, out: Array) -> None:
-    """The smallest motion out (n,) of the null space that meets the bounds of all rows."""
-    n = out.shape[0]
-    for k in range(n):
-        out[k] = 0.0
-    for _sweep in range(SWEEPS):
-        change = 0.0
-        for c in range(m):
-            if rows[c, 2 * n + 1] < 1e-7:
-                continue
-            slack = -rows[c, 2 * n]
-            for k in range(n):
-                slack += rows[c, n + k] * out[k]
-            delta = max(-slack / rows[c, 2 * n + 1], -rows[c, 2 * n + 2])
-            if delta != 0.0:
-                rows[c, 2 * n + 2] += delta
-                for k in range(n):
-                    out[k] += delta * rows[c, n + k]
-                change = max(change, abs(delta) * math.sqrt(rows[c, 2 * n + 1]))
-        if change < 1e-7:
-            break
 
 
 @inner
@@ -160,8 +116,8 @@ def program(
         work.newton[k] = wish[k]
         for r in range(6):
             work.newton[k] += work.J[r, k] * work.y[r]
-    _project(rows, m, work)
-    _hildreth(rows, m, work.gradient)
+    project(rows, m, work)
+    hildreth(rows, m, SWEEPS, _LEAST, work.gradient)
     for k in range(n):
         work.step[k] = work.newton[k] + work.gradient[k]
     return True

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from numba import njit
+from numba.core import event
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -22,6 +23,32 @@ Function = TypeVar("Function", bound=Callable[..., object])
 _FAST = {"contract", "reassoc", "nsz", "arcp"}
 _PACKAGE = Path(__file__).parent
 _IMPORT = re.compile(r"^(?:from|import) workcell\.([\w.]+)", re.MULTILINE)
+
+
+class _Clock(event.TimingListener):  # type: ignore[misc]
+    """Adds up what numba spends on compiling, nested calls once; says so when it begins for the first time."""
+
+    announce: Callable[[], object] | None = None
+
+    def on_start(self, started: Any) -> None:
+        announce, self.announce = self.announce, None
+        if announce is not None:
+            announce()
+        super().on_start(started)
+
+
+_clock = _Clock()
+event.register("numba:compile", _clock)
+
+
+def compile_seconds() -> float:
+    """Wall seconds that this process has spent on compiling kernels so far; loading them from the cache is none of it."""
+    return float(_clock.duration) if _clock.done else 0.0
+
+
+def announce_compiling(announce: Callable[[], object] | None) -> None:
+    """Call `announce` once, when something is compiled next; None: no more."""
+    _clock.announce = announce
 
 
 def kernel(function: Function) -> Function:

@@ -10,6 +10,7 @@ from typing import Any
 
 from workcell.errors import InputError, UnknownNameError
 from workcell.ik.result import Status
+from workcell.jit import announce_compiling, compile_seconds
 from workcell.job import Job
 from workcell.model.contact import CollisionModel
 from workcell.model.data import find_task
@@ -85,6 +86,8 @@ def run_task(
     recording_path, summary_path = folder / f"{name}.rrd", folder / f"{name}.json"
     recording = Recording(recording_path, task=name, seed=seed)
     job = Job(scene, planner, controller, seed, recording, say, summary, began)
+    compiled_before = compile_seconds()
+    announce_compiling(lambda: say("compiling kernels: once on this machine, up to a minute"))
     try:
         with recording:
             recording.log_scene(scene)
@@ -94,11 +97,14 @@ def run_task(
             except TaskFailedError as failure:
                 summary.update(achieved=False, status=failure.status, sentence=failure.sentence)
                 job.say(f"{failure.status}: {failure.sentence}", level="ERROR")
+            summary["compiling_s"] = compile_seconds() - compiled_before
             summary["wall_s"] = time.perf_counter() - began
             recording.set_result(summary)
     except BaseException:
         say(f"stopped; what was recorded until then: {recording.partial_path}")
         raise
+    finally:
+        announce_compiling(None)
     write_json_atomic(summary_path, summary)
     return JobResult(
         bool(summary["achieved"]),

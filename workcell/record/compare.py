@@ -15,7 +15,15 @@ from workcell.record.review import Review
 if TYPE_CHECKING:
     from rich.console import Group
 
-_IGNORED = ("wall_s", "planning_s", "execution_s", "sentence", "min_clearance_pair", "conditions")
+_IGNORED = (
+    "wall_s",
+    "planning_s",
+    "execution_s",
+    "compiling_s",
+    "sentence",
+    "min_clearance_pair",
+    "conditions",
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,8 @@ Function = TypeVar("Function", bound=Callable[..., object])
 
 # Everything but "no NaN, no infinity": a step that breaks down must be seen as one.
 _FAST = {"contract", "reassoc", "nsz", "arcp"}
+_ENTRY = {"nogil": True}
+_INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 _PACKAGE = Path(__file__).parent
 _IMPORT = re.compile(r"^(?:from|import) workcell\.([\w.]+)", re.MULTILINE)
 
@@ -53,18 +55,30 @@ def announce_compiling(announce: Callable[[], object] | None) -> None:
 
 def kernel(function: Function) -> Function:
     """Compile an entry point on first use, cached on disk, without the interpreter's lock."""
-    compiled: Function = _compiled(function, nogil=True)
+    compiled: Function = _compiled(function, fastmath=_FAST, **_ENTRY)
     return compiled
 
 
 def inner(function: Function) -> Function:
     """Compile what only other kernels call: without the wrappers for Python and C, which cost compile time."""
-    compiled: Function = _compiled(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+    compiled: Function = _compiled(function, fastmath=_FAST, **_INNER)
     return compiled
 
 
-def _compiled(function: Any, **options: bool) -> Any:
-    options_for_all = {"error_model": "numpy", "fastmath": _FAST, **options}
+def exact_kernel(function: Function) -> Function:
+    """`kernel` whose operations stay as they are written: for bounds that are proofs."""
+    compiled: Function = _compiled(function, **_ENTRY)
+    return compiled
+
+
+def exact_inner(function: Function) -> Function:
+    """`inner` whose operations stay as they are written."""
+    compiled: Function = _compiled(function, **_INNER)
+    return compiled
+
+
+def _compiled(function: Any, **options: object) -> Any:
+    options_for_all = {"error_model": "numpy", **options}
     try:
         return _stamped(njit(cache=True, **options_for_all)(function), function.__module__)
     except RuntimeError:

@@ -9,7 +9,7 @@ from workcell.ik.branch_kernels.linear import contract_linear
 from workcell.ik.branch_kernels.neighbours import contract_neighbours
 from workcell.ik.branch_kernels.obstacles import Sweep, find_blocked, find_touching
 from workcell.ik.branch_kernels.search import contract
-from workcell.ik.branch_kernels.state import Chain, State, kernel, recentre
+from workcell.ik.branch_kernels.state import Chain, State, recentre
 from workcell.ik.branch_kernels.world import World
 from workcell.ik.branch_proof.closure import Box, stand_at_centre
 from workcell.ik.branch_proof.closure import Robot as Proof
@@ -18,6 +18,7 @@ from workcell.ik.branch_proof.lines import contract as prove
 from workcell.ik.branch_proof.lines import contract_near
 from workcell.ik.branch_proof.lines import contract_through as prove_through
 from workcell.ik.branch_proof.obstacles import Scene, collides, touch
+from workcell.jit import exact_kernel
 from workcell.pose import Array
 
 EDGE = 1e-9
@@ -30,13 +31,13 @@ FINEST = 1e-7
 """Width of all joints at which a descent ends."""
 
 
-@kernel
+@exact_kernel
 def seed(value: int) -> None:
     """Seed the numbers of the compiled descents."""
     np.random.seed(value)
 
 
-@kernel
+@exact_kernel
 def cut(lower: Array, upper: Array, planted: Array) -> bool:
     """Cut a box at random joints and places so that it still holds `planted`; False when it is small."""
     joints = planted.shape[0]
@@ -57,7 +58,7 @@ def cut(lower: Array, upper: Array, planted: Array) -> bool:
     return widest > FINEST
 
 
-@kernel
+@exact_kernel
 def lost(lower: Array, upper: Array, planted: Array) -> bool:
     """Whether a box leaves the planted configuration out."""
     out = False
@@ -66,7 +67,7 @@ def lost(lower: Array, upper: Array, planted: Array) -> bool:
     return out
 
 
-@kernel
+@exact_kernel
 def descend_search(
     chain: Chain, world: World, state: State, sweep: Sweep, root: Array, planted: Array, which: int, boxes: int
 ) -> tuple[int, int]:  # fmt: skip
@@ -104,13 +105,13 @@ def descend_search(
     return boxes, 0
 
 
-@kernel
+@exact_kernel
 def stand(robot: Proof, box: Box) -> None:
     """Compute what the checker knows of the lines at the middle of a box."""
     stand_at_centre(robot, box)
 
 
-@kernel
+@exact_kernel
 def descend_checker(
     robot: Proof, scene: Scene, pairs: Array, box: Box, root: Array, planted: Array, which: int, boxes: int
 ) -> tuple[int, int]:  # fmt: skip

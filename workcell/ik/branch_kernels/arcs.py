@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from workcell.ik.branch_kernels.state import SLACK, inner, kernel
+from workcell.ik.branch_kernels.state import SLACK
+from workcell.jit import exact_inner, exact_kernel
 
 _TURN = 2.0 * np.pi
 
 
-@inner
+@exact_inner
 def gap_before(u: float, inner: float, outer: float) -> float:
     """How far to go up from `u` in [0, 2 pi) to reach the arcs inner <= |t| <= outer (mod 2 pi), inner <= outer <= pi."""
     if u <= outer:
@@ -19,7 +20,7 @@ def gap_before(u: float, inner: float, outer: float) -> float:
     return _TURN + inner - u
 
 
-@inner
+@exact_inner
 def clip_to_arcs(phase: float, inner: float, outer: float, lower: float, upper: float) -> tuple[float, float]:
     """Hull of {t in [lower, upper]: inner <= |t - phase + 2 pi k| <= outer}; lower > upper where that is empty."""
     if inner > 0.0:
@@ -32,7 +33,7 @@ def clip_to_arcs(phase: float, inner: float, outer: float, lower: float, upper: 
     return lower + gap_before(u, inner, outer), upper - gap_before(v, inner, outer)
 
 
-@kernel
+@exact_kernel
 def clip_to_band(
     a: float, b: float, c: float, low: float, high: float, lower: float, upper: float
 ) -> tuple[float, float]:
@@ -53,7 +54,7 @@ def clip_to_band(
     return clip_to_arcs(np.arctan2(c, b), inner, outer, lower, upper)
 
 
-@kernel
+@exact_kernel
 def clip_to_parabola(
     a: float, b: float, c: float, low: float, high: float, lower: float, upper: float
 ) -> tuple[float, float]:
@@ -79,7 +80,7 @@ def clip_to_parabola(
     return first, last
 
 
-@kernel
+@exact_kernel
 def range_of_parabola(a: float, b: float, c: float, lower: float, upper: float) -> tuple[float, float]:
     """Smallest and largest a + b t + c t^2 for t in [lower, upper], c = 0 or 1."""
     one, two = a + lower * (b + c * lower), a + upper * (b + c * upper)
@@ -90,7 +91,7 @@ def range_of_parabola(a: float, b: float, c: float, lower: float, upper: float) 
     return low - slack, high + slack
 
 
-@kernel
+@exact_kernel
 def range_of_band(a: float, b: float, c: float, lower: float, upper: float) -> tuple[float, float]:
     """Smallest and largest a + b cos t + c sin t for t in [lower, upper]."""
     amplitude = np.sqrt(b * b + c * c)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from workcell.ik.branch_kernels.state import SLACK, Chain, State, inner, tighten
+from workcell.ik.branch_kernels.state import SLACK, Chain, State, tighten
+from workcell.jit import exact_inner
 from workcell.pose import Array
 
 
-@inner
+@exact_inner
 def spread(weights: Array, radius: Array, lever: Array, ball: Array) -> float:
     """Largest value of weights (6,) . noise: remainders within `radius` (6,), the tolerance ball on `lever` (3,)."""
     u, v, w = weights[0], weights[1], weights[2]
@@ -21,7 +22,7 @@ def spread(weights: Array, radius: Array, lever: Array, ball: Array) -> float:
     return total + ball[0] * np.sqrt(u * u + v * v + w * w) + ball[1] * np.sqrt(a * a + b * b + c * c)  # type: ignore[no-any-return]
 
 
-@inner
+@exact_inner
 def eliminate(rows: Array, radius: Array, ball: Array, lever: Array, half: Array, pivots: Array) -> None:
     """Gauss-Jordan with full pivoting on rows = [J | P | rhs]; pivots[r] is the joint solved for in row r, or -1.
 
@@ -56,7 +57,7 @@ def eliminate(rows: Array, radius: Array, ball: Array, lever: Array, half: Array
                 rows[r, column] = 0.0
 
 
-@inner
+@exact_inner
 def apply(chain: Chain, state: State, rows: Array, radius: Array, half: Array, pivots: Array) -> bool:
     """Contract by every row: any joint in it lies where the others and the remainder allow."""
     n = half.shape[0]
@@ -84,7 +85,7 @@ def apply(chain: Chain, state: State, rows: Array, radius: Array, half: Array, p
     return True
 
 
-@inner
+@exact_inner
 def _keep_tangent(chain: Chain, state: State, rows: Array, radius: Array, pivots: Array) -> None:
     """Write how the joints follow the free ones (see `linear.contract_linear`), unless more are free than must be."""
     n = rows.shape[1] - 7

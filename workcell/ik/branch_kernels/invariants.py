@@ -30,11 +30,12 @@ from workcell.ik.branch_kernels.motion import (
     point_radius,
     sine_between,
 )
-from workcell.ik.branch_kernels.state import SLACK, Chain, State, dot, inner, kernel, tighten
+from workcell.ik.branch_kernels.state import SLACK, Chain, State, dot, tighten
+from workcell.jit import exact_inner, exact_kernel
 from workcell.pose import Array
 
 
-@inner
+@exact_inner
 def _along(
     z: Array, x: float, y: float, w: float, extra: float, lines: Array, sweep: Array, first: int, last: int, step: int, tilt: float
 ) -> tuple[float, float]:  # fmt: skip
@@ -56,7 +57,7 @@ def _along(
     return total, tilt
 
 
-@kernel
+@exact_kernel
 def contract_invariants(chain: Chain, state: State) -> bool:
     """Apply C2 to every joint; False if the box holds no solution."""
     joints = state.lower.shape[0]
@@ -101,7 +102,7 @@ def contract_invariants(chain: Chain, state: State) -> bool:
     return True
 
 
-@inner
+@exact_inner
 def _contract_by_row(
     chain: Chain, state: State, view: int, i: int, row: int, low: float, high: float
 ) -> bool:
@@ -115,7 +116,7 @@ def _contract_by_row(
     return lower <= upper and tighten(state, joint, lower, upper)
 
 
-@kernel
+@exact_kernel
 def contract_through(chain: Chain, state: State) -> bool:
     """Apply C3 to every joint; False if the box holds no solution."""
     joints = state.lower.shape[0]
@@ -136,7 +137,7 @@ def contract_through(chain: Chain, state: State) -> bool:
     return True
 
 
-@inner
+@exact_inner
 def _through(chain: Chain, state: State, view: int, i: int, j: int, ranges: Array) -> bool:
     """Contract joint j of a view by the invariants about joint i >= j + 2, whose ranges are given."""
     joints = state.lower.shape[0]
@@ -213,7 +214,7 @@ def _through(chain: Chain, state: State, view: int, i: int, j: int, ranges: Arra
     return _contract(state, view, j, slides, a, b, c, ranges[3, 0] - radius, ranges[3, 1] + radius)
 
 
-@inner
+@exact_inner
 def turning(
     ux: float, uy: float, uz: float, vx: float, vy: float, vz: float, z: Array
 ) -> tuple[float, float, float]:
@@ -224,7 +225,7 @@ def turning(
     return along, cosine, sine
 
 
-@inner
+@exact_inner
 def _contract(
     state: State, view: int, j: int, slides: bool, a: float, b: float, c: float, low: float, high: float
 ) -> bool:

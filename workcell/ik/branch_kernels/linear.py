@@ -26,14 +26,15 @@ import numpy as np
 
 from workcell.ik.branch_kernels.elimination import apply, eliminate
 from workcell.ik.branch_kernels.motion import arm
-from workcell.ik.branch_kernels.state import Chain, State, inner, kernel
+from workcell.ik.branch_kernels.state import Chain, State
+from workcell.jit import exact_inner, exact_kernel
 from workcell.pose import Array
 
 WIDEST = 1.2
 """Radians that all half widths together may have for the step to be tried."""
 
 
-@kernel
+@exact_kernel
 def contract_linear(chain: Chain, state: State) -> bool:
     """Contract every joint by the linearised closure; False if the box holds no solution.
 
@@ -64,7 +65,7 @@ def contract_linear(chain: Chain, state: State) -> bool:
     return apply(chain, state, rows, radius, half, pivots)
 
 
-@inner
+@exact_inner
 def _assemble(chain: Chain, state: State, middle: int, half: Array, rows: Array, radius: Array) -> bool:
     """Fill rows = [J | identity | rhs] and the remainder's radius; False where the sides are turned too far apart."""
     n = half.shape[0]
@@ -108,7 +109,7 @@ def _assemble(chain: Chain, state: State, middle: int, half: Array, rows: Array,
     return True
 
 
-@inner
+@exact_inner
 def _near_side(lines: Array, p: Array, middle: int, half: Array, rows: Array, radius: Array) -> None:
     """The joints from the base to the middle link: columns and remainder."""
     n = half.shape[0]
@@ -151,7 +152,7 @@ def _near_side(lines: Array, p: Array, middle: int, half: Array, rows: Array, ra
         radius[3 + a] += outer**3 / 6.0
 
 
-@inner
+@exact_inner
 def _far_side(
     lines: Array, t: Array, middle: int, half: Array, D: Array, trace: float, skew: Array, rows: Array, radius: Array
 ) -> None:  # fmt: skip
@@ -209,7 +210,7 @@ def _far_side(
         radius[3 + a] += outer**3 / 6.0
 
 
-@inner
+@exact_inner
 def _cross(z: Array, x: float, y: float, w: float, out: Array) -> None:
     out[0] = z[1] * w - z[2] * y
     out[1] = z[2] * x - z[0] * w

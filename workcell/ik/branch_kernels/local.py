@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from workcell.ik.branch_kernels.obstacles import sphere_centre
-from workcell.ik.branch_kernels.state import Chain, forward, inner
+from workcell.ik.branch_kernels.state import Chain, forward
 from workcell.ik.branch_kernels.world import World, signed_distance
+from workcell.jit import exact_inner
 from workcell.pose import Array
 
 ROTATION_WEIGHT = 0.3
@@ -21,7 +22,7 @@ _NEAR = 0.05
 """Residual (m) below which obstacles begin to count: a start that misses the pose is dropped before it costs more."""
 
 
-@inner
+@exact_inner
 def search_from(
     chain: Chain, world: World, lower: Array, upper: Array, q: Array, tolerance: Array, iterations: int, best_gap: Array
 ) -> bool:  # fmt: skip
@@ -82,7 +83,7 @@ def search_from(
     return False
 
 
-@inner
+@exact_inner
 def _pose_residual(chain: Chain, frames: Array, error: Array, J: Array) -> tuple[float, float]:
     """Residual (goal less frame), its Jacobian by joint angles, and the pose error (m, rad)."""
     n = frames.shape[0] - 2
@@ -124,7 +125,7 @@ def _pose_residual(chain: Chain, frames: Array, error: Array, J: Array) -> tuple
     return np.sqrt(away), turned
 
 
-@inner
+@exact_inner
 def _forgive(error: Array, away: float, turned: float, tolerance: Array) -> None:
     """Take from the residual what the tolerances allow, nearly."""
     for r in range(6):
@@ -132,7 +133,7 @@ def _forgive(error: Array, away: float, turned: float, tolerance: Array) -> None
         error[r] *= max(1.0 - allowed / size, 0.0) if size > 0.0 else 0.0
 
 
-@inner
+@exact_inner
 def _normal_equations(error: Array, J: Array, H: Array, g: Array) -> None:
     n = J.shape[1]
     for i in range(n):
@@ -147,7 +148,7 @@ def _normal_equations(error: Array, J: Array, H: Array, g: Array) -> None:
             H[j, i] = total
 
 
-@inner
+@exact_inner
 def _hinge(
     chain: Chain, world: World, frames: Array, weight: float, H: Array, g: Array
 ) -> tuple[float, float]:
@@ -195,7 +196,7 @@ def _hinge(
     return penalty, smallest
 
 
-@inner
+@exact_inner
 def _add_motion(
     chain: Chain, frames: Array, k: int, x: float, y: float, z: float, way: Array, sign: float, row: Array
 ) -> None:
@@ -213,7 +214,7 @@ def _add_motion(
         )
 
 
-@inner
+@exact_inner
 def _add_square(row: Array, gap: float, weight: float, H: Array, g: Array) -> float:
     """Add the square of a gap with gradient `row` to the normal equations."""
     for i in range(row.shape[0]):
@@ -223,7 +224,7 @@ def _add_square(row: Array, gap: float, weight: float, H: Array, g: Array) -> fl
     return weight * gap * gap
 
 
-@inner
+@exact_inner
 def _solve(H: Array, g: Array) -> bool:
     """Solve H x = g by Cholesky, in place (x in g); False if H is not positive definite."""
     n = g.shape[0]

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from workcell.ik.branch_kernels.state import inner
+from workcell.jit import exact_inner
 from workcell.pose import Array
 
 
-@inner
+@exact_inner
 def arm(x: float, y: float, z: float, line: Array) -> float:
     """How far a joint moves a point for each unit of its chord: the distance to its line, or 1 where it slides."""
     if line[9] > 0.0:
@@ -27,7 +27,7 @@ def arm(x: float, y: float, z: float, line: Array) -> float:
     return np.sqrt(a * a + b * b + c * c)  # type: ignore[no-any-return]
 
 
-@inner
+@exact_inner
 def sine_between(x: float, y: float, z: float, line: Array) -> float:
     """Sine of the angle between a unit direction and a line's: how far a joint turns it; 0 for one that slides."""
     if line[9] > 0.0:
@@ -38,20 +38,20 @@ def sine_between(x: float, y: float, z: float, line: Array) -> float:
     return np.sqrt(a * a + b * b + c * c)  # type: ignore[no-any-return]
 
 
-@inner
+@exact_inner
 def ball_radius(x: float, y: float, z: float, ball: Array) -> float:
     """How far a point fixed to the target moves while the target varies in its tolerance ball."""
     u, v, w = x - ball[2], y - ball[3], z - ball[4]
     return (ball[0] + ball[1] * np.sqrt(u * u + v * v + w * w)) * (1.0 + ball[1])  # type: ignore[no-any-return]
 
 
-@inner
+@exact_inner
 def own_slide(lines: Array, sweep: Array, k: int) -> float:
     """How far a joint moves the points of its own line: not at all, unless it slides."""
     return sweep[k] if lines[k, 9] > 0.0 else 0.0  # type: ignore[no-any-return]
 
 
-@inner
+@exact_inner
 def point_radius(x: float, y: float, z: float, lines: Array, sweep: Array, count: int) -> float:
     """Radius of a point under the first `count` joints of a view."""
     total = 0.0
@@ -61,7 +61,7 @@ def point_radius(x: float, y: float, z: float, lines: Array, sweep: Array, count
     return total
 
 
-@inner
+@exact_inner
 def direction_radius(x: float, y: float, z: float, lines: Array, sweep: Array, count: int) -> float:
     """The same for a direction."""
     total = 0.0

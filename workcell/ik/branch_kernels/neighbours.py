@@ -14,11 +14,12 @@ import numpy as np
 
 from workcell.ik.branch_kernels.arcs import clip_to_arcs
 from workcell.ik.branch_kernels.motion import ball_radius, direction_radius, own_slide, point_radius
-from workcell.ik.branch_kernels.state import SLACK, Chain, State, inner, kernel, tighten
+from workcell.ik.branch_kernels.state import SLACK, Chain, State, tighten
+from workcell.jit import exact_inner, exact_kernel
 from workcell.pose import Array
 
 
-@inner
+@exact_inner
 def turn_arc(
     z: Array, ux: float, uy: float, uz: float, vx: float, vy: float, vz: float, radius: float
 ) -> tuple[float, float]:
@@ -44,7 +45,7 @@ def turn_arc(
     return np.arctan2(cross, ux * vx + uy * vy + uz * vz), width
 
 
-@inner
+@exact_inner
 def turn_joint(state: State, view: int, k: int, phase: float, width: float) -> bool:
     """Keep of the joint at index k of a view the departures within `width` of `phase`; False if none is left."""
     if width < 0.0:
@@ -59,7 +60,7 @@ def turn_joint(state: State, view: int, k: int, phase: float, width: float) -> b
     return lower <= upper and tighten(state, joint, lower, upper)
 
 
-@inner
+@exact_inner
 def _slide_joint(state: State, view: int, k: int, x: float, y: float, w: float, radius: float) -> bool:
     """Keep of a sliding joint the departures that bring u within `radius` of v, u - v given; False if none is left."""
     z = state.lines[view, k]
@@ -72,7 +73,7 @@ def _slide_joint(state: State, view: int, k: int, x: float, y: float, w: float, 
     return tighten(state, joint, middle - np.sqrt(room), middle + np.sqrt(room))  # type: ignore[no-any-return]
 
 
-@kernel
+@exact_kernel
 def contract_neighbours(chain: Chain, state: State) -> bool:
     """Apply C1 to every joint from both ends; False if the box holds no solution."""
     joints = state.lower.shape[0]

@@ -17,8 +17,9 @@ import numpy as np
 
 from workcell.ik.branch_kernels.elimination import spread
 from workcell.ik.branch_kernels.motion import arm, ball_radius
-from workcell.ik.branch_kernels.state import SLACK, Chain, State, inner, kernel
+from workcell.ik.branch_kernels.state import SLACK, Chain, State
 from workcell.ik.branch_kernels.world import BOX, World, signed_distance, to_local
+from workcell.jit import exact_inner, exact_kernel
 from workcell.pose import Array
 
 
@@ -39,13 +40,13 @@ class Sweep(NamedTuple):
     rest: Array
 
 
-@kernel
+@exact_kernel
 def new_sweep(joints: int) -> Sweep:
     """Room for one."""
     return Sweep(np.zeros(4), np.zeros((2, 3)), np.zeros((6 + joints, 3)), np.zeros(3))
 
 
-@kernel
+@exact_kernel
 def find_blocked(chain: Chain, state: State, world: World, sweep: Sweep, hint: int) -> tuple[int, int, float]:
     """A sphere and an obstacle that collide all over the box, and an upper bound on their clearance; (-1, -1, 0) if none.
 
@@ -78,7 +79,7 @@ def find_blocked(chain: Chain, state: State, world: World, sweep: Sweep, hint: i
     return -1, -1, 0.0
 
 
-@kernel
+@exact_kernel
 def find_touching(state: State, world: World) -> tuple[int, int, float]:
     """Two spheres of the robot that collide all over the box, and a bound on their clearance; (-1, -1, 0) if none."""
     limit = world.clearance[0] + world.clearance[1]
@@ -106,7 +107,7 @@ def find_touching(state: State, world: World) -> tuple[int, int, float]:
     return -1, -1, 0.0
 
 
-@inner
+@exact_inner
 def sphere_centre(frame: Array, sphere: Array) -> tuple[float, float, float]:
     """Centre of a sphere (a row of `World.spheres`) of the link with a frame (12,)."""
     return (
@@ -116,7 +117,7 @@ def sphere_centre(frame: Array, sphere: Array) -> tuple[float, float, float]:
     )
 
 
-@inner
+@exact_inner
 def blocked_bound(chain: Chain, state: State, world: World, s: int, o: int, sweep: Sweep) -> float:
     """Upper bound on the clearance of sphere s from obstacle o over the box (inf when their centres are apart)."""
     gradient = np.empty(3)
@@ -148,7 +149,7 @@ def blocked_bound(chain: Chain, state: State, world: World, s: int, o: int, swee
     return min(bound, worst + rest - radius) + SLACK  # type: ignore[no-any-return]
 
 
-@inner
+@exact_inner
 def _box_bound(chain: Chain, state: State, row: Array, sweep: Sweep) -> float:
     """Largest signed distance to a box over the sweep, the extents along its axes taken one by one."""
     ax, ay, az = to_local(row, sweep.ends[0, 0], sweep.ends[0, 1], sweep.ends[0, 2])
@@ -166,7 +167,7 @@ def _box_bound(chain: Chain, state: State, row: Array, sweep: Sweep) -> float:
     return np.sqrt(squares) if squares > 0.0 else inside
 
 
-@inner
+@exact_inner
 def _extent(chain: Chain, state: State, sweep: Sweep, u: float, v: float, w: float) -> float:
     """How far the noise and the remainder reach along a unit direction."""
     weights = np.empty(6)
@@ -182,7 +183,7 @@ def _extent(chain: Chain, state: State, sweep: Sweep, u: float, v: float, w: flo
     return extent  # type: ignore[no-any-return]
 
 
-@inner
+@exact_inner
 def _bound_ball(chain: Chain, state: State, sphere: Array, sweep: Sweep) -> None:
     """The ball, from whichever end of the chain bounds the sphere's centre better."""
     joints = state.lower.shape[0]
@@ -203,7 +204,7 @@ def _bound_ball(chain: Chain, state: State, sphere: Array, sweep: Sweep) -> None
             sweep.rest[1], sweep.rest[2] = float(side), 0.0
 
 
-@inner
+@exact_inner
 def _bound_segment(chain: Chain, state: State, sphere: Array, sweep: Sweep) -> None:
     """The segment, on the side that `_bound_ball` chose; without a tangent every joint is noise of its own."""
     joints = state.lower.shape[0]
@@ -269,7 +270,7 @@ def _bound_segment(chain: Chain, state: State, sphere: Array, sweep: Sweep) -> N
     sweep.rest[0], sweep.rest[2] = rest + SLACK, 1.0
 
 
-@inner
+@exact_inner
 def _add(out: Array, scale: float, x: float, y: float, z: float) -> None:
     out[0] += scale * x
     out[1] += scale * y

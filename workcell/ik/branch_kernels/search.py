@@ -12,8 +12,9 @@ from workcell.ik.branch_kernels.linear import contract_linear
 from workcell.ik.branch_kernels.local import search_from
 from workcell.ik.branch_kernels.neighbours import contract_neighbours
 from workcell.ik.branch_kernels.obstacles import Sweep, find_blocked, find_touching
-from workcell.ik.branch_kernels.state import Chain, State, inner, kernel, recentre
+from workcell.ik.branch_kernels.state import Chain, State, recentre
 from workcell.ik.branch_kernels.world import World
+from workcell.jit import exact_inner, exact_kernel
 from workcell.pose import Array
 
 DONE, FOUND, PAUSED, FULL = 0, 1, 2, 3
@@ -54,7 +55,7 @@ class Tree(NamedTuple):
     best_gap: Array
 
 
-@kernel
+@exact_kernel
 def contract(chain: Chain, state: State) -> bool:
     """Shrink the box by all contractors until little changes; False if it holds no solution."""
     for _ in range(ROUNDS):
@@ -64,7 +65,7 @@ def contract(chain: Chain, state: State) -> bool:
     return True
 
 
-@inner
+@exact_inner
 def contract_once(chain: Chain, state: State) -> int:
     """Shrink the box once: EMPTY if it holds no solution, AGAIN if that paid, else STALLED.
 
@@ -84,7 +85,7 @@ def contract_once(chain: Chain, state: State) -> int:
     return AGAIN if _shrunk(state, width) else STALLED
 
 
-@inner
+@exact_inner
 def _is_small(state: State) -> bool:
     """Whether the box is small enough that one more look at the obstacles costs less than contracting it further."""
     widest = 0.0
@@ -93,7 +94,7 @@ def _is_small(state: State) -> bool:
     return widest <= SMALL
 
 
-@inner
+@exact_inner
 def _shrunk(state: State, width: Array) -> bool:
     """Whether some joint's interval is much narrower than `width` (N,)."""
     shrunk = False
@@ -102,7 +103,7 @@ def _shrunk(state: State, width: Array) -> bool:
     return shrunk
 
 
-@kernel
+@exact_kernel
 def choose_split(chain: Chain, state: State) -> tuple[int, float]:
     """Joint (of the kernels) to split, and where; (-1, 0) when the box is too small."""
     joints = state.lower.shape[0]
@@ -122,7 +123,7 @@ def choose_split(chain: Chain, state: State) -> tuple[int, float]:
     return joint, np.round(0.5 * (state.lower[joint] + state.upper[joint]) / grid) * grid
 
 
-@kernel
+@exact_kernel
 def run(
     chain: Chain, world: World, root: Array, state: State, sweep: Sweep, tree: Tree, tolerance: Array, limit: int
 ) -> int:  # fmt: skip
@@ -155,7 +156,7 @@ def run(
     return PAUSED
 
 
-@inner
+@exact_inner
 def _excluded(chain: Chain, state: State, world: World, sweep: Sweep, tree: Tree, node: Array) -> bool:
     """Contract the box; whether it holds no solution, with the reason written down in `node`."""
     looked = False
@@ -174,7 +175,7 @@ def _excluded(chain: Chain, state: State, world: World, sweep: Sweep, tree: Tree
     return _collides(chain, state, world, sweep, tree, node)
 
 
-@inner
+@exact_inner
 def _collides(chain: Chain, state: State, world: World, sweep: Sweep, tree: Tree, node: Array) -> bool:
     """Whether a sphere collides all over the box, written down in `node`."""
     counts = tree.counts
@@ -193,7 +194,7 @@ def _collides(chain: Chain, state: State, world: World, sweep: Sweep, tree: Tree
     return True
 
 
-@inner
+@exact_inner
 def _pick_start(state: State, tree: Tree) -> None:
     """Where the next local search begins: the box's centre and, in turn, a random place in a box still to come."""
     counts = tree.counts
@@ -212,7 +213,7 @@ def _pick_start(state: State, tree: Tree) -> None:
         tree.found[k] = lower + share * (upper - lower)
 
 
-@inner
+@exact_inner
 def _push(state: State, tree: Tree, node: Array, joint: int, value: float) -> None:
     """Put both halves on the stack and write the split down."""
     top = tree.counts[0]

@@ -8,31 +8,15 @@ known at index k of one view belongs to index N - 1 - k of the other.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple, TypeVar, cast
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from workcell.jit import exact_inner, exact_kernel
 from workcell.pose import Array
-
-Function = TypeVar("Function", bound=Callable[..., object])
 
 SLACK = 1e-12
 """Added to every bound for rounding: lengths are metres below 10, so doubles err by 1e-14."""
-
-
-def kernel(function: Function) -> Function:
-    """Compile on first use, cached on disk. No fast-math: the bounds are proofs."""
-    return cast(Function, njit(cache=True, nogil=True, error_model="numpy")(function))
-
-
-def inner(function: Function) -> Function:
-    """The same for what only other kernels call: the wrappers for Python are left out, they take long to compile."""
-    compiled = njit(
-        cache=True, nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True
-    )
-    return cast(Function, compiled(function))
 
 
 class Chain(NamedTuple):
@@ -86,7 +70,7 @@ class State(NamedTuple):
     tangent: Array
 
 
-@kernel
+@exact_kernel
 def new_state(chain: Chain) -> State:
     """Room for the boxes of a chain."""
     joints = chain.slides.shape[0]
@@ -107,7 +91,7 @@ def new_state(chain: Chain) -> State:
     return state
 
 
-@kernel
+@exact_kernel
 def recentre(chain: Chain, state: State) -> None:
     """Move `centre` to the box's middle and compute the frames and lines there; what `tangent` said is void."""
     joints = state.lower.shape[0]
@@ -130,7 +114,7 @@ def recentre(chain: Chain, state: State) -> None:
                 line[6 + a] = frame[9 + a] + far * z
 
 
-@inner
+@exact_inner
 def _set_sweep(state: State, k: int) -> None:
     half = max(state.upper[k] - state.centre[k], state.centre[k] - state.lower[k])
     chord = 0.0
@@ -142,7 +126,7 @@ def _set_sweep(state: State, k: int) -> None:
     state.sweep[1, state.lower.shape[0] - 1 - k] = chord
 
 
-@inner
+@exact_inner
 def _set_bands(chain: Chain, state: State, i: int, slid: float) -> None:
     """The invariants about joint i, when the next joint has slid by `slid`."""
     around = chain.around[i]
@@ -171,19 +155,19 @@ def _set_bands(chain: Chain, state: State, i: int, slid: float) -> None:
     state.bands[1, back, 1], state.bands[1, back, 2] = -bands[2], -bands[1]
 
 
-@inner
+@exact_inner
 def dot(u: Array, v: Array) -> float:
     """Scalar product."""
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]  # type: ignore[no-any-return]
 
 
-@inner
+@exact_inner
 def _turning(u: Array, v: Array, out: Array) -> None:
     """(a, b, c) of u . Rz(t) v = a + b cos t + c sin t."""
     out[0], out[1], out[2] = u[2] * v[2], u[0] * v[0] + u[1] * v[1], u[1] * v[0] - u[0] * v[1]
 
 
-@inner
+@exact_inner
 def tighten(state: State, k: int, lower: float, upper: float) -> bool:
     """Intersect joint k's interval with [lower, upper]; False if nothing is left."""
     if lower - SLACK > state.lower[k]:
@@ -196,7 +180,7 @@ def tighten(state: State, k: int, lower: float, upper: float) -> bool:
     return True
 
 
-@inner
+@exact_inner
 def place(chain: Chain, q: Array, frames: Array) -> None:
     """Frames of all joints at `q` (N,), from the base (frames[0]) and, backwards, from the target (frames[1])."""
     joints = q.shape[0]
@@ -218,7 +202,7 @@ def place(chain: Chain, q: Array, frames: Array) -> None:
             P[9 + a] = origin - P[3 * a] * f[9] - P[3 * a + 1] * f[10] - P[3 * a + 2] * f[11]
 
 
-@inner
+@exact_inner
 def forward(chain: Chain, q: Array, frames: Array) -> None:
     """Frames (N, 12) of all joints at `q` (N,), from the base."""
     for k in range(q.shape[0]):

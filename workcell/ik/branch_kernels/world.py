@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.ik.branch_kernels.state import inner, kernel
+from workcell.jit import exact_inner, exact_kernel
 from workcell.pose import Array
 
 BOX, BALL, CAPSULE, CYLINDER, HALFSPACE, HULL = 0, 1, 2, 3, 4, 5
@@ -37,7 +37,7 @@ class World(NamedTuple):
     clearance: Array
 
 
-@inner
+@exact_inner
 def to_local(row: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
     """A point in an obstacle's frame."""
     u, v, w = x - row[10], y - row[11], z - row[12]
@@ -48,7 +48,7 @@ def to_local(row: Array, x: float, y: float, z: float) -> tuple[float, float, fl
     )
 
 
-@kernel
+@exact_kernel
 def signed_distance(world: World, index: int, x: float, y: float, z: float, gradient: Array) -> float:
     """Signed distance of a point to obstacle `index`; writes its gradient (3,)."""
     row = world.obstacles[index]
@@ -75,7 +75,7 @@ def signed_distance(world: World, index: int, x: float, y: float, z: float, grad
     return distance
 
 
-@inner
+@exact_inner
 def _box(u: float, v: float, w: float, hu: float, hv: float, hw: float) -> tuple[float, float, float, float]:
     su, sv, sw = 1.0 if u >= 0 else -1.0, 1.0 if v >= 0 else -1.0, 1.0 if w >= 0 else -1.0
     eu, ev, ew = abs(u) - hu, abs(v) - hv, abs(w) - hw
@@ -90,7 +90,7 @@ def _box(u: float, v: float, w: float, hu: float, hv: float, hw: float) -> tuple
     return length, su * eu / length, sv * ev / length, sw * ew / length
 
 
-@inner
+@exact_inner
 def _cylinder(u: float, v: float, w: float, radius: float, half: float) -> tuple[float, float, float, float]:
     rho = np.sqrt(u * u + v * v)
     cu, cv = (u / rho, v / rho) if rho > 1e-12 else (1.0, 0.0)
@@ -104,7 +104,7 @@ def _cylinder(u: float, v: float, w: float, radius: float, half: float) -> tuple
     return ez, 0.0, 0.0, side
 
 
-@inner
+@exact_inner
 def hull_distance(
     world: World, index: int, u: float, v: float, w: float
 ) -> tuple[float, float, float, float]:

@@ -21,10 +21,8 @@ from workcell.ik.branch_proof.vectors import (
     EPS,
     Vector,
     band_over,
-    checked,
     cross,
     dot,
-    entry,
     minus,
     move,
     norm,
@@ -35,6 +33,7 @@ from workcell.ik.branch_proof.vectors import (
     turn,
     vector,
 )
+from workcell.jit import exact_inner, exact_kernel
 from workcell.pose import Array
 
 
@@ -80,7 +79,7 @@ class Box(NamedTuple):
     follow: Array
 
 
-@entry
+@exact_kernel
 def new_box(joints: int) -> Box:
     """Room for one."""
     return Box(
@@ -95,7 +94,7 @@ def new_box(joints: int) -> Box:
     )
 
 
-@checked
+@exact_inner
 def stand_at_centre(robot: Robot, box: Box) -> None:
     """Compute the motions and lines at the middle of the box; how joints follow one another isn't known there yet."""
     joints = robot.lines.shape[0]
@@ -120,7 +119,7 @@ def stand_at_centre(robot: Robot, box: Box) -> None:
             out[6], out[7], out[8] = move(T, vector(line, 6))
 
 
-@checked
+@exact_inner
 def _follow_joint(robot: Robot, T: Array, k: int, value: float, out: Array) -> None:
     """out = T * exponential of joint k."""
     line = robot.lines[k]
@@ -130,7 +129,7 @@ def _follow_joint(robot: Robot, T: Array, k: int, value: float, out: Array) -> N
         screw(T, vector(line, 0), vector(line, 3), value, out)
 
 
-@checked
+@exact_inner
 def update_chord(box: Box, k: int) -> None:
     """The chord of joint k's largest departure from the centre, or the departure itself, which is no less."""
     h = max(box.upper[k] - box.centre[k], box.centre[k] - box.lower[k])
@@ -140,7 +139,7 @@ def update_chord(box: Box, k: int) -> None:
         box.chord[k] = 0.0
 
 
-@checked
+@exact_inner
 def narrow(box: Box, k: int, lower: float, upper: float) -> bool:
     """Keep [lower, upper] of joint k; False if nothing is left."""
     if lower > upper:
@@ -151,7 +150,7 @@ def narrow(box: Box, k: int, lower: float, upper: float) -> bool:
     return box.lower[k] <= box.upper[k]  # type: ignore[no-any-return]
 
 
-@checked
+@exact_inner
 def off_axis(x: Vector, line: Array) -> float:
     """How far a joint moves a point for each unit of its chord: by its distance from the line, or by 1 if it slides."""
     if line[9] > 0.0:
@@ -159,7 +158,7 @@ def off_axis(x: Vector, line: Array) -> float:
     return norm(cross(vector(line, 0), minus(x, vector(line, 3))))
 
 
-@checked
+@exact_inner
 def off_direction(z: Vector, line: Array) -> float:
     """The same for a unit direction: the sine between it and the line, or nothing."""
     if line[9] > 0.0:
@@ -167,13 +166,13 @@ def off_direction(z: Vector, line: Array) -> float:
     return norm(cross(z, vector(line, 0)))
 
 
-@checked
+@exact_inner
 def own_slide(box: Box, k: int) -> float:
     """How far joint k moves the points of its own line."""
     return box.chord[k] if box.sides[0, k, 9] > 0.0 else 0.0  # type: ignore[no-any-return]
 
 
-@checked
+@exact_inner
 def wander(box: Box, side: int, first: int, last: int, x: Vector) -> float:
     """How far a point moves under joints first <= k < last, their axes seen from one side."""
     total = 0.0
@@ -183,7 +182,7 @@ def wander(box: Box, side: int, first: int, last: int, x: Vector) -> float:
     return total
 
 
-@checked
+@exact_inner
 def tilt(box: Box, side: int, first: int, last: int, z: Vector) -> float:
     """The same for a unit direction."""
     total = 0.0
@@ -193,14 +192,14 @@ def tilt(box: Box, side: int, first: int, last: int, z: Vector) -> float:
     return total
 
 
-@checked
+@exact_inner
 def in_ball(robot: Robot, x: Vector) -> float:
     """How far a point fixed to the target moves within the tolerance ball, there or back."""
     ball = robot.ball
     return (ball[0] + ball[1] * norm(minus(x, vector(ball, 2)))) * (1.0 + ball[1])  # type: ignore[no-any-return]
 
 
-@checked
+@exact_inner
 def advance(
     box: Box, side: int, first: int, last: int, step: int, z: Vector, x: Vector, extra: float, turned: float
 ) -> tuple[float, float]:
@@ -224,14 +223,14 @@ def advance(
     return total, turned
 
 
-@checked
+@exact_inner
 def wave(u: Vector, v: Vector, z: Vector) -> Vector:
     """(a, b, c) of u . E(t) v = a + b cos t + c sin t, E(t) the rotation by t about z."""
     along = dot(u, z) * dot(v, z)
     return (along, dot(u, v) - along, dot(u, cross(z, v)))
 
 
-@checked
+@exact_inner
 def around(robot: Robot, box: Box, i: int) -> tuple[Vector, Vector, Vector, Vector]:
     """Points and directions of the lines of joints i - 1 and i + 1 at the zero configuration, from a point of line i.
 
@@ -244,7 +243,7 @@ def around(robot: Robot, box: Box, i: int) -> tuple[Vector, Vector, Vector, Vect
     return minus(vector(m, 3), o), vector(m, 0), x, vector(f, 0)
 
 
-@checked
+@exact_inner
 def between(robot: Robot, box: Box, i: int) -> None:
     """Ranges over joint i of the invariants between the lines of joints i - 1 and i + 1."""
     eps, line = robot.scale[0], robot.lines[i]
@@ -259,7 +258,7 @@ def between(robot: Robot, box: Box, i: int) -> None:
         box.ranges[kind, 0], box.ranges[kind, 1] = low, high
 
 
-@checked
+@exact_inner
 def invariant(kind: int, y: Vector, zy: Vector, x: Vector, zx: Vector, z: Vector) -> Vector:
     """Coefficients of |f - m|^2, z_m.(f - m), z_f.(f - m), z_m.z_f (kinds 0 to 3) as a + b cos t + c sin t.
 
@@ -277,7 +276,7 @@ def invariant(kind: int, y: Vector, zy: Vector, x: Vector, zx: Vector, z: Vector
     return wave(zy, zx, z)
 
 
-@checked
+@exact_inner
 def sliding(kind: int, y: Vector, zy: Vector, x: Vector, zx: Vector, z: Vector) -> Vector:
     """The same as a + b t + c t^2 where the far line slides along z by t."""
     d = minus(x, y)

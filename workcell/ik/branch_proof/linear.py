@@ -19,7 +19,8 @@ from __future__ import annotations
 import numpy as np
 
 from workcell.ik.branch_proof.closure import Box, Robot, narrow, off_axis
-from workcell.ik.branch_proof.vectors import Vector, checked, cross, dot, minus, move, norm, vector
+from workcell.ik.branch_proof.vectors import Vector, cross, dot, minus, move, norm, vector
+from workcell.jit import exact_inner
 from workcell.pose import Array
 
 _OFF = 1e-12
@@ -28,7 +29,7 @@ WIDEST = 1.3
 """Radians of all half widths together beyond which nothing can come of it."""
 
 
-@checked
+@exact_inner
 def follow_closure(robot: Robot, box: Box) -> bool:
     """Contract all joints by the linear closure; False if it can't hold. Leaves in `box.follow` how joints follow:
 
@@ -56,7 +57,7 @@ def follow_closure(robot: Robot, box: Box) -> bool:
     return _use(robot, box, A, bound, lever, owner)
 
 
-@checked
+@exact_inner
 def _recompute(A: Array, system: Array) -> None:
     """Replace the rows of A by their weights times the system."""
     noise = A.shape[1] - 7
@@ -70,7 +71,7 @@ def _recompute(A: Array, system: Array) -> None:
             A[r, k] = total
 
 
-@checked
+@exact_inner
 def noise_along(weights: Array, bound: Array, lever: Array, ball: Array) -> float:
     """Largest weights (6,) . noise: each component within `bound`, and the tolerance ball acting at `lever`."""
     total = 0.0
@@ -81,7 +82,7 @@ def noise_along(weights: Array, bound: Array, lever: Array, ball: Array) -> floa
     return total + ball[0] * norm(u) + ball[1] * norm((v[0] + w[0], v[1] + w[1], v[2] + w[2]))  # type: ignore[no-any-return]
 
 
-@checked
+@exact_inner
 def _system(robot: Robot, box: Box, m: int, h: Array, A: Array, bound: Array, lever: Array) -> bool:
     """A = [coefficients of all joints | noise | right side]."""
     joints = h.shape[0]
@@ -121,7 +122,7 @@ def _system(robot: Robot, box: Box, m: int, h: Array, A: Array, bound: Array, le
     return True
 
 
-@checked
+@exact_inner
 def _side(
     box: Box, side: int, first: int, last: int, step: int, p: Vector, D: Array, apart: float, h: Array, A: Array, bound: Array
 ) -> None:  # fmt: skip
@@ -169,7 +170,7 @@ def _side(
         bound[3 + r] += total**3 / 6.0
 
 
-@checked
+@exact_inner
 def _solve(robot: Robot, A: Array, bound: Array, lever: Array, h: Array, owner: Array) -> None:
     """Solve each row for the joint that stands out most from its noise (in half widths), clearing it elsewhere."""
     joints = h.shape[0]
@@ -196,7 +197,7 @@ def _solve(robot: Robot, A: Array, bound: Array, lever: Array, h: Array, owner: 
                     A[r, k] -= factor * A[row, k]
 
 
-@checked
+@exact_inner
 def _use(robot: Robot, box: Box, A: Array, bound: Array, lever: Array, owner: Array) -> bool:
     """Contract by the rows: in each, what a joint can be is what the other joints and the noise allow."""
     joints = box.lower.shape[0]
@@ -225,7 +226,7 @@ def _use(robot: Robot, box: Box, A: Array, bound: Array, lever: Array, owner: Ar
     return True
 
 
-@checked
+@exact_inner
 def _remember(turns: bool, box: Box, A: Array, bound: Array, lever: Array, owner: Array) -> None:
     """Write `box.follow` where no more joints are left without a row than must be."""
     joints = box.lower.shape[0]
@@ -256,7 +257,7 @@ def _remember(turns: bool, box: Box, A: Array, bound: Array, lever: Array, owner
             follow[owner[r], 2:8] = A[r, joints : joints + 6]
 
 
-@checked
+@exact_inner
 def _owned(owner: Array, k: int) -> bool:
     """Whether some row was solved for joint k."""
     owned = False

@@ -26,16 +26,8 @@ from workcell.ik.branch_proof.closure import (
     wander,
 )
 from workcell.ik.branch_proof.linear import follow_closure
-from workcell.ik.branch_proof.vectors import (
-    Vector,
-    angles_in_band,
-    checked,
-    dot,
-    minus,
-    norm,
-    places_in_band,
-    vector,
-)
+from workcell.ik.branch_proof.vectors import Vector, angles_in_band, dot, minus, norm, places_in_band, vector
+from workcell.jit import exact_inner
 from workcell.pose import Array
 
 EMPTY, AGAIN, STALLED = 0, 1, 2
@@ -45,7 +37,7 @@ _WORTH = 0.3
 """Fall in the sum of the widths' logarithms for which a box is contracted again by what has just been used."""
 
 
-@checked
+@exact_inner
 def contract(robot: Robot, box: Box) -> bool:
     """Shrink a box as long as that pays; False if it is proved to hold no solution."""
     for _ in range(ROUNDS):
@@ -55,7 +47,7 @@ def contract(robot: Robot, box: Box) -> bool:
     return True
 
 
-@checked
+@exact_inner
 def contract_once(robot: Robot, box: Box) -> int:
     """Shrink a box once: EMPTY if it is proved to hold no solution, AGAIN if that paid, else STALLED."""
     before = _size(box)
@@ -69,7 +61,7 @@ def contract_once(robot: Robot, box: Box) -> int:
     return AGAIN if _size(box) < before - _WORTH else STALLED
 
 
-@checked
+@exact_inner
 def _size(box: Box) -> float:
     total = 0.0
     for k in range(1, box.lower.shape[0] - 1):
@@ -77,7 +69,7 @@ def _size(box: Box) -> float:
     return total
 
 
-@checked
+@exact_inner
 def contract_near(robot: Robot, box: Box) -> bool:
     """Contract every joint by its neighbours' lines; False if the box is proved to hold no solution."""
     for k in range(1, box.lower.shape[0] - 1):
@@ -88,7 +80,7 @@ def contract_near(robot: Robot, box: Box) -> bool:
     return True
 
 
-@checked
+@exact_inner
 def contract_through(robot: Robot, box: Box) -> bool:
     """Contract every joint by the lines around every other; False if the box is proved to hold no solution."""
     joints = box.lower.shape[0]
@@ -103,7 +95,7 @@ def contract_through(robot: Robot, box: Box) -> bool:
     return True
 
 
-@checked
+@exact_inner
 def _same_line(robot: Robot, box: Box, line: int, joint: int) -> bool:
     """Contract a joint by a neighbour's line, seen from both sides."""
     box.ranges[:3, :] = 0.0
@@ -111,7 +103,7 @@ def _same_line(robot: Robot, box: Box, line: int, joint: int) -> bool:
     return _known(robot, box, line, joint, line)
 
 
-@checked
+@exact_inner
 def _middle(robot: Robot, box: Box, i: int) -> bool:
     """Contract joint i by the lines before and after it."""
     joints, eps = box.lower.shape[0], robot.scale[0]
@@ -143,7 +135,7 @@ def _middle(robot: Robot, box: Box, i: int) -> bool:
     return True
 
 
-@checked
+@exact_inner
 def _keep(
     robot: Robot, box: Box, j: int, kind: int, y: Vector, zy: Vector, x: Vector, zx: Vector, z: Vector,
     low: float, high: float, origin: float, sign: float,
@@ -163,7 +155,7 @@ def _keep(
     return first <= last and narrow(box, j, origin + first, origin + last)
 
 
-@checked
+@exact_inner
 def _known(robot: Robot, box: Box, i: int, j: int, k: int) -> bool:
     """Contract joint j by the invariants between near line i and far line k, whose ranges are in `box.ranges`.
 
@@ -203,7 +195,7 @@ def _known(robot: Robot, box: Box, i: int, j: int, k: int) -> bool:
     return True
 
 
-@checked
+@exact_inner
 def _radii_near(
     robot: Robot, box: Box, i: int, j: int, k: int, line: Array, y: Vector, zy: Vector, x: Vector, zx: Vector
 ) -> tuple[float, float, float, float]:
@@ -222,7 +214,7 @@ def _radii_near(
     return move_x + move_y, along_y, along_x, tilted
 
 
-@checked
+@exact_inner
 def _radii_far(
     robot: Robot, box: Box, i: int, j: int, k: int, line: Array, y: Vector, zy: Vector, x: Vector, zx: Vector
 ) -> tuple[float, float, float, float]:

@@ -8,7 +8,8 @@ import numpy as np
 
 from workcell.ik.branch_proof.closure import Box, Robot, in_ball, wander
 from workcell.ik.branch_proof.linear import noise_along
-from workcell.ik.branch_proof.vectors import Vector, checked, cross, dot, minus, move, norm, plus, vector
+from workcell.ik.branch_proof.vectors import Vector, cross, dot, minus, move, norm, plus, vector
+from workcell.jit import exact_inner
 from workcell.pose import Array
 
 BOX, SPHERE, CAPSULE, CYLINDER, HALFSPACE, HULL = 0, 1, 2, 3, 4, 5
@@ -23,7 +24,7 @@ class Scene(NamedTuple):
     triangles: Array
 
 
-@checked
+@exact_inner
 def collides(robot: Robot, box: Box, scene: Scene, s: int, o: int, clearance: float) -> bool:
     """Whether the clearance between sphere s and obstacle o is below `clearance` all over the box."""
     joints = box.lower.shape[0]
@@ -44,7 +45,7 @@ def collides(robot: Robot, box: Box, scene: Scene, s: int, o: int, clearance: fl
     return False
 
 
-@checked
+@exact_inner
 def touch(robot: Robot, box: Box, scene: Scene, s: int, o: int, clearance: float) -> bool:
     """Whether the clearance between spheres s and o is below `clearance` all over the box.
 
@@ -63,7 +64,7 @@ def touch(robot: Robot, box: Box, scene: Scene, s: int, o: int, clearance: float
     return False
 
 
-@checked
+@exact_inner
 def _tube_inside(
     robot: Robot,
     box: Box,
@@ -130,7 +131,7 @@ def _tube_inside(
     return _inside(scene, row, one, room) and _inside(scene, row, two, room)
 
 
-@checked
+@exact_inner
 def _reach(robot: Robot, box: Box, shifts: Array, e: Vector) -> float:
     """How far the noise goes along a unit direction."""
     reach = 0.0
@@ -144,7 +145,7 @@ def _reach(robot: Robot, box: Box, shifts: Array, e: Vector) -> float:
     return reach
 
 
-@checked
+@exact_inner
 def _in_rounded_box(
     robot: Robot, box: Box, row: Array, shifts: Array, one: Vector, two: Vector, x: Vector, rest: float, radius: float, limit: float
 ) -> bool:  # fmt: skip
@@ -162,7 +163,7 @@ def _in_rounded_box(
     return squares < limit * limit
 
 
-@checked
+@exact_inner
 def _inside(scene: Scene, row: Array, x: Vector, room: float) -> bool:
     """Whether the signed distance of a point to an obstacle is below `room` (which may be negative)."""
     kind = int(row[0])
@@ -186,7 +187,7 @@ def _inside(scene: Scene, row: Array, x: Vector, room: float) -> bool:
     return norm((max(over[0], 0.0), max(over[1], 0.0), max(over[2], 0.0))) < room
 
 
-@checked
+@exact_inner
 def _inside_hull(scene: Scene, row: Array, a: Vector, room: float) -> bool:
     """By the height over the triangles' planes, and outside by the nearest point of some triangle (all belong to it)."""
     height, nearest = -np.inf, np.inf
@@ -212,7 +213,7 @@ def _inside_hull(scene: Scene, row: Array, a: Vector, room: float) -> bool:
     return height < room if height <= 0.0 else nearest < room
 
 
-@checked
+@exact_inner
 def _to_edge(a: Vector, p: Vector, q: Vector) -> float:
     edge = minus(q, p)
     share = min(max(dot(minus(a, p), edge) / max(dot(edge, edge), 1e-300), 0.0), 1.0)

@@ -19,71 +19,54 @@ All of that stays below a third of the slack. The tests compare with extended pr
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypeVar, cast
-
 import numpy as np
-from numba import njit
 
+from workcell.jit import exact_inner
 from workcell.pose import Array
 
-Function = TypeVar("Function", bound=Callable[..., object])
 Vector = tuple[float, float, float]
 
 EPS = 1e-10
 """Metres, radians or unit-free: how far bounds are moved outwards for lengths up to a metre (see above)."""
 
 
-def entry(function: Function) -> Function:
-    """Compile on first use, cached on disk; no fast-math."""
-    return cast(Function, njit(cache=True, nogil=True, error_model="numpy")(function))
-
-
-def checked(function: Function) -> Function:
-    """The same for what only compiled functions call."""
-    compiled = njit(
-        cache=True, nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True
-    )
-    return cast(Function, compiled(function))
-
-
-@checked
+@exact_inner
 def dot(a: Vector, b: Vector) -> float:
     """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@checked
+@exact_inner
 def cross(a: Vector, b: Vector) -> Vector:
     """Vector product."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-@checked
+@exact_inner
 def minus(a: Vector, b: Vector) -> Vector:
     """Difference."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
-@checked
+@exact_inner
 def plus(a: Vector, scale: float, b: Vector) -> Vector:
     """a + scale b."""
     return (a[0] + scale * b[0], a[1] + scale * b[1], a[2] + scale * b[2])
 
 
-@checked
+@exact_inner
 def norm(a: Vector) -> float:
     """Length."""
     return np.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])  # type: ignore[no-any-return]
 
 
-@checked
+@exact_inner
 def vector(values: Array, start: int) -> Vector:
     """Three numbers of an array."""
     return (values[start], values[start + 1], values[start + 2])
 
 
-@checked
+@exact_inner
 def turn(T: Array, v: Vector) -> Vector:
     """A direction turned by a motion T (12,): rotation (9, row-major), translation (3)."""
     return (
@@ -93,13 +76,13 @@ def turn(T: Array, v: Vector) -> Vector:
     )
 
 
-@checked
+@exact_inner
 def move(T: Array, v: Vector) -> Vector:
     """A point moved by it."""
     return plus(turn(T, v), 1.0, (T[9], T[10], T[11]))
 
 
-@checked
+@exact_inner
 def screw(T: Array, z: Vector, o: Vector, angle: float, out: Array) -> None:
     """out = T * rotation by `angle` about the line through o along z (Rodrigues' formula)."""
     c, s = np.cos(angle), np.sin(angle)
@@ -118,14 +101,14 @@ def screw(T: Array, z: Vector, o: Vector, angle: float, out: Array) -> None:
     out[9], out[10], out[11] = fixed[0] - moved[0], fixed[1] - moved[1], fixed[2] - moved[2]
 
 
-@checked
+@exact_inner
 def slide(T: Array, z: Vector, way: float, out: Array) -> None:
     """out = T * translation by `way` along z."""
     out[:] = T
     out[9], out[10], out[11] = plus((T[9], T[10], T[11]), way, turn(T, z))
 
 
-@checked
+@exact_inner
 def angles_in_band(
     a: float, b: float, c: float, low: float, high: float, lower: float, upper: float, eps: float
 ) -> tuple[float, float]:
@@ -146,7 +129,7 @@ def angles_in_band(
     return max(first, lower), min(last, upper)
 
 
-@checked
+@exact_inner
 def _wait(u: float, nearest: float, farthest: float) -> float:
     """How far up from u the nearest number t is with nearest <= |t + 2 pi k| <= farthest for some k."""
     turns = 2.0 * np.pi
@@ -158,7 +141,7 @@ def _wait(u: float, nearest: float, farthest: float) -> float:
     return max(turns - farthest - u, 0.0) if u <= turns - nearest else turns + nearest - u
 
 
-@checked
+@exact_inner
 def band_over(a: float, b: float, c: float, lower: float, upper: float, eps: float) -> tuple[float, float]:
     """Bounds on a + b cos t + c sin t over [lower, upper]: the ends, and the crests in between."""
     size = np.sqrt(b * b + c * c)
@@ -176,7 +159,7 @@ def band_over(a: float, b: float, c: float, lower: float, upper: float, eps: flo
     return a + low - eps * (1.0 + size), a + high + eps * (1.0 + size)
 
 
-@checked
+@exact_inner
 def places_in_band(
     a: float, b: float, c: float, low: float, high: float, lower: float, upper: float, eps: float
 ) -> tuple[float, float]:
@@ -204,7 +187,7 @@ def places_in_band(
     return first, last
 
 
-@checked
+@exact_inner
 def parabola_over(
     a: float, b: float, c: float, lower: float, upper: float, eps: float
 ) -> tuple[float, float]:

@@ -7,7 +7,7 @@ import numpy as np
 from workcell.ik.branch_proof.closure import Box, Robot, stand_at_centre
 from workcell.ik.branch_proof.lines import EMPTY, ROUNDS, STALLED, contract, contract_once
 from workcell.ik.branch_proof.obstacles import Scene, collides, touch
-from workcell.ik.branch_proof.vectors import checked, entry
+from workcell.jit import exact_inner, exact_kernel
 from workcell.pose import Array
 
 PROVED, TOO_SHORT, TOO_LONG, BAD_NODE, BAD_SPLIT, BAD_PAIR, UNPROVED, TOO_DEEP = 0, 1, 2, 3, 4, 5, 6, 7
@@ -15,7 +15,7 @@ KINEMATIC, OBSTACLE, SPHERES = -1.0, -2.0, -3.0
 _DEPTH = 400
 
 
-@entry
+@exact_kernel
 def walk(
     robot: Robot,
     scene: Scene,
@@ -101,7 +101,7 @@ def walk(
     return PROVED, node
 
 
-@checked
+@exact_inner
 def _proved(robot: Robot, box: Box, scene: Scene, code: float, s: int, o: int, clearance: float) -> bool:
     """Whether a leaf's box is excluded, by the collision that it names or because it empties; tried after every round."""
     stand_at_centre(robot, box)

@@ -19,7 +19,7 @@ from workcell.bench.cidgik_cells import (
     off_centre,
     random_problems,
 )
-from workcell.bench.reports import cpu_figures
+from workcell.bench.reports import cpu_columns
 from workcell.bench.runner import problem_seed
 from workcell.bench.slsqp import run_slsqp
 from workcell.bench.tables import Bench, Row, row_of
@@ -82,15 +82,12 @@ def slsqp_row(name: str, problems: Sequence[IKProblem], seed: int, paper: float 
         done or (_is_wide(p) and verify(loosened(p), run.q).accepted)
         for p, run, done in zip(problems, runs, strict, strict=True)
     ]
-    mean, median, p95 = cpu_figures([run.cpu_s for run in runs])
     return {
         "row": name,
         "n": len(problems),
         "success": float(np.mean(strict)),
         "success_paper_tolerance": float(np.mean(loose)),
-        "cpu_ms_mean": mean,
-        "cpu_ms_median": median,
-        "cpu_ms_p95": p95,
+        **cpu_columns([run.cpu_s for run in runs]),
         "paper": paper,
     }
 

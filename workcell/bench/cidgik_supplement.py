@@ -17,7 +17,7 @@ from workcell.bench.cidgik_cells import (
     spheres,
 )
 from workcell.bench.closed_forms import parallel_arm
-from workcell.bench.reports import cpu_figures
+from workcell.bench.reports import cpu_columns
 from workcell.bench.tables import Bench, Row
 from workcell.ik.cidgik import prove_cidgik
 from workcell.ik.cidgik_goals import Balls, Goal, Points, Query, Workspace
@@ -36,14 +36,11 @@ def _all(n: int, seed: int, sets: Path | None) -> list[Row]:
 
 
 def _row(name: str, times: list[float], success: float, paper: float | None, **more: Any) -> Row:
-    mean, median, p95 = cpu_figures(times)
     return {
         "row": name,
         "n": len(times),
         "success": success,
-        "cpu_ms_mean": mean,
-        "cpu_ms_median": median,
-        "cpu_ms_p95": p95,
+        **cpu_columns(times),
         "paper": paper,
         **more,
     }

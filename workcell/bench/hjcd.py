@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from workcell.bench.reports import cpu_figures
+from workcell.bench.reports import cpu_columns
 from workcell.bench.tables import Bench, Row
 from workcell.ik.gpu.solver import warp_devices
 from workcell.ik.hjcdik import solve_batch, solve_two_phase
@@ -180,7 +180,6 @@ def _figures(name: str, robot: Robot, targets: list[Pose], q: Array, cpu_s: list
     errors = np.array([robot.fk(row).error_to(target) for row, target in zip(q, targets, strict=True)])
     within = robot.within_limits(q)
     reached = within & np.all(errors < SUCCESS, axis=1)
-    mean, median, p95 = cpu_figures(cpu_s)
     return {
         "row": name,
         "n": len(targets),
@@ -190,9 +189,7 @@ def _figures(name: str, robot: Robot, targets: list[Pose], q: Array, cpu_s: list
         "position_error_mm_mean": float(1e3 * errors[:, 0].mean()),
         "position_error_mm_max": float(1e3 * errors[:, 0].max()),
         "rotation_error_max": float(errors[:, 1].max()),
-        "cpu_ms_mean": mean,
-        "cpu_ms_median": median,
-        "cpu_ms_p95": p95,
+        **cpu_columns(cpu_s),
         "paper": None,
     }
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from workcell.bench.reports import cpu_figures
+from workcell.bench.reports import cpu_columns
 from workcell.bench.runner import problem_seed
 from workcell.bench.tables import Bench, Row, row_of
 from workcell.ik.instance import instance_of, relaxation_of
@@ -115,14 +115,11 @@ def _results(
 
 
 def _row(name: str, times: Sequence[float], success: float) -> Row:
-    mean, median, p95 = cpu_figures(list(times))
     return {
         "row": name,
         "n": len(times),
         "success": success,
-        "cpu_ms_mean": mean,
-        "cpu_ms_median": median,
-        "cpu_ms_p95": p95,
+        **cpu_columns(times),
         "paper": None,
     }
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from workcell.bench.paths import path_line
 from workcell.bench.problems import NamedProblem, ProblemSet
-from workcell.bench.reports import cpu_figures
+from workcell.bench.reports import cpu_columns, cpu_figures
 from workcell.bench.runner import Progress, problem_seed
 from workcell.bench.workers import output_file, run_lines, write_line
 from workcell.errors import InputError
@@ -50,7 +50,6 @@ class PlanSummary:
 
     def to_json(self) -> dict[str, Any]:
         """A plain dictionary."""
-        mean, median, p95 = cpu_figures(self.cpu_s)
         return {
             "set": self.set,
             "robot": self.robot,
@@ -58,9 +57,7 @@ class PlanSummary:
             "n": len(self.cpu_s),
             "statuses": dict(self.statuses),
             "proved": self.proved,
-            "cpu_ms_mean": mean,
-            "cpu_ms_median": median,
-            "cpu_ms_p95": p95,
+            **cpu_columns(self.cpu_s),
             "cpu_ms_max": 1e3 * max(self.cpu_s, default=float("nan")),
             "mean_length_rad": float(np.mean(self.length)) if self.length else None,
             "wall_s": self.wall_s,

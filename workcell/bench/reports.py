@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -33,7 +34,6 @@ class SolveSummary:
 
     def to_json(self) -> dict[str, Any]:
         """A plain dictionary."""
-        mean, median, p95 = cpu_figures(self.cpu_s)
         return {
             "set": self.set,
             "robot": self.robot,
@@ -42,9 +42,7 @@ class SolveSummary:
             "n": len(self.cpu_s),
             "statuses": dict(self.statuses),
             "answered_by": dict(self.solvers),
-            "cpu_ms_mean": mean,
-            "cpu_ms_median": median,
-            "cpu_ms_p95": p95,
+            **cpu_columns(self.cpu_s),
             "wall_s": self.wall_s,
         }
 
@@ -105,9 +103,15 @@ class VerifyReport:
         return [(name.replace("_", " "), value) for name, value in figures.items()]
 
 
-def cpu_figures(cpu_s: tuple[float, ...] | list[float]) -> tuple[float, float, float]:
+def cpu_columns(cpu_s: Sequence[float]) -> dict[str, float]:
+    """The columns of a table that say what a problem costs: mean, median and 95th percentile, in milliseconds."""
+    mean, median, p95 = cpu_figures(cpu_s)
+    return {"cpu_ms_mean": mean, "cpu_ms_median": median, "cpu_ms_p95": p95}
+
+
+def cpu_figures(cpu_s: Sequence[float]) -> tuple[float, float, float]:
     """Mean, median and 95th percentile in milliseconds; nan without any."""
-    if not cpu_s:
+    if not len(cpu_s):
         return (float("nan"),) * 3
     ms = 1e3 * np.array(cpu_s)
     return float(ms.mean()), float(np.median(ms)), float(np.percentile(ms, 95))

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from workcell.bench.reports import cpu_figures
+from workcell.bench.reports import cpu_columns
 from workcell.bench.tables import Bench, Row
 from workcell.errors import InputError
 from workcell.model.robot import Robot
@@ -109,7 +109,6 @@ def _use(robot: Robot, limits: TorqueLimits, q: Array, qd: Array, qdd: Array) ->
 def _row(name: str, found: list[tuple[float, float, Array]], n: int, refused: int) -> Row:
     """Of the largest of the three shares of each motion, the smallest and largest over all motions."""
     largest = [float(use.max()) for _, _, use in found]
-    mean, median, _ = cpu_figures([cpu for _, cpu, _ in found])
     return {
         "row": name,
         "n": n,
@@ -118,8 +117,7 @@ def _row(name: str, found: list[tuple[float, float, Array]], n: int, refused: in
         "use_smallest": min(largest, default=float("nan")),
         "use_largest": max(largest, default=float("nan")),
         "violations": sum(value > 1.0 + 1e-3 for value in largest),
-        "cpu_ms_mean": mean,
-        "cpu_ms_median": median,
+        **cpu_columns([cpu for _, cpu, _ in found]),
     }
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from workcell.bench.problems import ProblemSet
-from workcell.bench.reports import cpu_figures
+from workcell.bench.reports import cpu_columns
 from workcell.bench.runner import problem_seed
 from workcell.errors import InputError, UnknownNameError
 from workcell.ik.problem import Budget
@@ -129,7 +129,6 @@ def row_of(
     """
     solved = np.array([result.solved for result in results])
     proved = np.array([result.status.is_proof for result in results])
-    mean, median, p95 = cpu_figures([float(result.stats["cpu_s"]) for result in results])
     return {
         "row": name,
         "n": len(results),
@@ -137,9 +136,7 @@ def row_of(
         "success_paper_tolerance": float(solved.mean()),
         "decided": float((solved | proved).mean()),
         "errors": sum(result.status is Status.SOLVER_ERROR for result in results),
-        "cpu_ms_mean": mean,
-        "cpu_ms_median": median,
-        "cpu_ms_p95": p95,
+        **cpu_columns([float(result.stats["cpu_s"]) for result in results]),
         "paper": paper,
         **(extra or {}),
     }

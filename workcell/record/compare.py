@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workcell.record.metrics import Series
-from workcell.record.recording import JOINT_POSITIONS
 from workcell.record.review import Review
+from workcell.record.scene_log import JOINT_POSITIONS
 
 if TYPE_CHECKING:
     from rich.console import Group

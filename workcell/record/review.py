@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from workcell.errors import RecordingError
 from workcell.record.metrics import MetricRow, ObjectRow, Series, metric_rows, metric_series, object_rows
 from workcell.record.reader import Contents, read
-from workcell.record.recording import FORMAT
 from workcell.record.rrd import APPLICATION
+from workcell.record.scene_log import FORMAT
 from workcell.record.stage import Stage
 
 if TYPE_CHECKING:

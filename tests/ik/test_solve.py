@@ -131,8 +131,8 @@ def test_a_solver_that_does_not_apply_is_passed_over_by_auto_alone(monkeypatch):
     with pytest.raises(InputError):
         solve(IKProblem(robot, target), "ikspark")
     stages = (
-        module.Stage("ikspark", module._SOLVERS["ikspark"], share=0.5),
-        module.Stage("multistart", solve_multistart),
+        module.Turn("ikspark", module._SOLVERS["ikspark"], share=0.5),
+        module.Turn("multistart", solve_multistart),
     )
     monkeypatch.setattr(module, "_portfolio", lambda dof: stages)
     result = solve(IKProblem(robot, target))

@@ -15,9 +15,10 @@ from workcell.bench.problems import NamedProblem, ProblemSet
 from workcell.bench.reports import SolveSummary, VerifyReport
 from workcell.bench.workers import output_file, run_lines, write_line
 from workcell.ik.check import STATUS_OF_SCOPE, check_certificate
+from workcell.ik.portfolio import AUTO
 from workcell.ik.problem import Budget
 from workcell.ik.result import IKResult, Status
-from workcell.ik.solve import AUTO, check_solver_name, solve
+from workcell.ik.solve import check_solver_name, solve
 from workcell.ik.verify import verify
 
 Progress = Callable[[], object]

@@ -77,7 +77,9 @@ def solve_cidgik(problem: IKProblem, budget: Budget, seed: int = 0, *, local: bo
             local,
         )
         q = search.run()
-        return Candidate(q, judge.certificate, search.stats, tuple(search.rejected), search.error)
+        return Candidate(
+            q, judge.certificate, search.stats, tuple(search.rejected), search.error, search.stages.stages
+        )
     finally:
         instance.release()
 

@@ -15,6 +15,7 @@ from workcell.ik.cidgik_rank import Blocks, Iterate, Relaxed, converge
 from workcell.ik.cidgik_recover import joint_angles
 from workcell.ik.cidgik_skeleton import Skeleton
 from workcell.ik.cidgik_workspace import Keeper
+from workcell.ik.stages import NO_GAP, StageLog
 from workcell.pose import Array
 
 MAX_POLISH = 1e-2
@@ -105,6 +106,7 @@ class Search:
     last: Iterate = field(default_factory=lambda: Iterate(None))
     rejected: list[str] = field(default_factory=list)
     error: str | None = None
+    stages: StageLog = field(default_factory=StageLog)
 
     @property
     def stats(self) -> dict[str, float]:
@@ -155,8 +157,9 @@ class Search:
         """One restart: converge, add the rows that are broken, converge again; a configuration, if there is one."""
         self.restarts += 1
         for _ in range(ROUNDS):
-            for iterate in converge(self.instance, C):
+            for step, iterate in enumerate(converge(self.instance, C)):
                 self.last = iterate
+                self._tell(step, iterate)
                 if self.local and iterate.Z is not None and not iterate.low_rank:
                     q = self._accepted(self.finisher.descend(self._angles(iterate.Z)))
                     if q is not None:
@@ -171,13 +174,27 @@ class Search:
                 self.low_rank += 1
                 return self._accepted(self.finisher.finish(self._angles(Z)))
             self.rows += added
+            self.stages.add("rows", note=f"{added} added for what points break")
             C = next_objective
         return None
 
     def _angles(self, Z: Blocks) -> Array:
         return joint_angles(self.skeleton, self.instance.directions(Z))
 
+    def _tell(self, step: int, iterate: Iterate) -> None:
+        """Log a solve of a convex iteration."""
+        note = f"restart {self.restarts}"
+        if iterate.Z is None:
+            note += ": no point" if iterate.ray is None else ": the set is empty"
+        gap = NO_GAP if iterate.Z is None else iterate.gap
+        self.stages.add("rank reduction" if step else "relaxation", gap=gap, note=note)
+
     def _accepted(self, finished: Finished) -> Array | None:
+        verdict = "accepted" if finished.refusal is None else finished.refusal
+        moved = f"polish moved a joint by {finished.moved:.1e} rad: {verdict}"
+        self.stages.add(
+            "snap and judge" if self.last.low_rank else "local descent", gap=self.last.gap, note=moved
+        )
         if finished.refusal is None and not self.local and finished.moved > MAX_POLISH:
             self.note(f"polish moved a joint by {finished.moved:.2g} rad from a low-rank point")
         elif finished.refusal is not None:
@@ -195,7 +212,9 @@ class Search:
             proof = proof_of(self.instance, self.keeper, empty.ray)
         else:
             proof = prove_empty(*self.whole(), self.over)
-        if proof is not None and self.finisher.prove(proof):
+        proved = proof is not None and self.finisher.prove(proof)
+        self.stages.add("proof", note="the relaxation is empty" if proved else "too weak")
+        if proved:
             return True
         self.note("the relaxation is empty, but not by the margin that the tolerances need")
         return False

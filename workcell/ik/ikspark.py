@@ -11,6 +11,7 @@ import time
 from contextlib import ExitStack
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.ik.certificate import Certificate
 from workcell.ik.elementary import prove_impossible
@@ -30,6 +31,7 @@ from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.rank import ConvexSet, Iterate, ascend
 from workcell.ik.relaxation import Interval
 from workcell.ik.result import Candidate
+from workcell.ik.stages import NO_GAP, StageLog
 from workcell.ik.verify import Verifier
 from workcell.pose import Array
 
@@ -83,7 +85,9 @@ class Search:
         self._turns = 0
         self._bounds_tried = False
         self._cuboid_set: CuboidSet | None = None
+        self._in_cuboids = False
         self._model_proof: Certificate | None = None
+        self.stages = StageLog()
 
     def over(self) -> bool:
         """Whether the budget is spent."""
@@ -91,7 +95,21 @@ class Search:
 
     def result(self, q: Array | None, certificate: Certificate | None = None) -> Candidate:
         """What is handed back: an answer, a proof, or neither."""
-        return Candidate(q, certificate, dict(self.stats), tuple(self.rejected), self.error)
+        return Candidate(
+            q,
+            certificate,
+            dict(self.stats),
+            tuple(self.rejected),
+            self.error,
+            self.stages.stages,
+            None if q is None else self._assignment(),
+        )
+
+    def _assignment(self) -> NDArray[np.int64] | None:
+        """Which cuboid each sphere was in, if the last attempt was in the set with cuboids."""
+        if not self._in_cuboids or self._cuboid_set is None or self.problem.cover is None:
+            return None
+        return self._cuboid_set.assignment(len(self.problem.cover))
 
     def run(self) -> Candidate:
         """Restart Problem 3 from random directions until an answer, a proof or the end of the budget."""
@@ -105,6 +123,7 @@ class Search:
                 if proof is not None:
                     return self.result(None, proof)
             avoidance = Avoidance.of(self.problem, instance, stack)
+            self.stages.add("set-up")
             failures = 0
             while not self.over() and failures < MOST_FAILURES:
                 convex = self._next_set(instance)
@@ -131,27 +150,33 @@ class Search:
         """A proof that the last attempt, on the plain relaxation or not, gave rise to."""
         if plain and self.last.ray is not None:
             proof = certify_kinematics(self.problem, self.last.ray)
+            self.stages.add("proof", note="too weak" if proof is None else "the relaxation is empty")
             if proof is None:
                 self.note("the relaxation is empty, but not by the margin that the tolerances need")
             return proof
         if self.problem.obstacles and not self._bounds_tried:
             # spheres of the last link are where the target puts them: no search is needed to see them collide
             self._bounds_tried = True
-            return prove_impossible(self.problem)
+            proof = prove_impossible(self.problem)
+            self.stages.add("elementary bounds", note="" if proof is None else "a proof")
+            return proof
         return self._model_proof if time.process_time() > self.halfway else None
 
     def attempt(self, convex: ConvexSet, direction: Array) -> Array | None:
         """One ascent; the configuration (n,) at its end when that solves the problem. `last` is where it ended."""
         self.stats["restarts"] += 1
-        for iterate in ascend(convex, direction):
+        self._in_cuboids = convex is self._cuboid_set
+        for step, iterate in enumerate(ascend(convex, direction)):
             self.stats["sdps"] += 1
             self.last = iterate
+            self._tell(step, iterate)
             if iterate.x is None:
                 break
             if self.local and not iterate.rank_one:
-                q = self._accept(
-                    polish(self.problem, self._angles(iterate.x), steps=LOCAL_STEPS, damping=LOCAL_DAMPING)
-                )
+                start = self._angles(iterate.x)
+                descended = polish(self.problem, start, steps=LOCAL_STEPS, damping=LOCAL_DAMPING)
+                self.stages.add("local descent", note=f"{1e3 * descended.position_error:.1e} mm off the pose")
+                q = self._accept(descended)
                 if q is not None:
                     return q
             if iterate.rank_one:
@@ -159,6 +184,14 @@ class Search:
             if self.over():
                 break
         return None
+
+    def _tell(self, step: int, iterate: Iterate) -> None:
+        """Log a solve of an ascent."""
+        note = f"restart {self.stats['restarts']:.0f}{', in cuboids' if self._in_cuboids else ''}"
+        if iterate.x is None:
+            note += ": no point" if iterate.ray is None else ": the set is empty"
+        gap = NO_GAP if iterate.x is None else iterate.gap
+        self.stages.add("rank reduction" if step else "relaxation", gap=gap, note=note)
 
     def _cuboids(self, instance: Instance) -> CuboidSet | None:
         """The set with every sphere in a free-space cuboid; None without cuboids, or once it is known to be empty.
@@ -182,6 +215,7 @@ class Search:
             self._cuboid_set = CuboidSet(instance, pairs, maps)
             root = self._cuboid_set.solve(np.zeros(instance.lift.size))
             self.stats["sdps"] += 1
+            self.stages.add("cuboids", note=f"the set with every sphere in one: {root.status}")
             if root.status == "infeasible":
                 self._model_proof = certify_model(problem, root.z)
         return self._cuboid_set if self._model_proof is None else None
@@ -191,6 +225,7 @@ class Search:
         assert iterate.x is not None
         self.stats["rank_one"] += 1
         polished = polish(self.problem, self._angles(iterate.x))
+        self.stages.add("snap", gap=iterate.gap, note=f"polish moved a joint by {polished.moved:.1e} rad")
         if polished.moved > MAX_POLISH and not self.local:
             self.note(f"polish moved a joint by {polished.moved:.2g} rad from a rank-1 point")
             return None
@@ -205,6 +240,7 @@ class Search:
         if self._verifier is None:
             self._verifier = Verifier(self.problem)
         judged = self._verifier(polished.q)
+        self.stages.add("judge", note="accepted" if judged.accepted else judged.reasons[0])
         if not judged.accepted:
             self.note(judged.reasons[0])
             return None

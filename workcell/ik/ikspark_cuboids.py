@@ -109,6 +109,7 @@ class CuboidSet:
 
     def __init__(self, instance: Instance, pairs: Pairs, maps: Array, *, tolerance: float = 1e-6) -> None:
         self._instance, self._pairs = instance, pairs
+        self._shares = np.zeros(int(pairs.allowed.sum()))
         self.empty_sphere = (
             int(np.argmin(pairs.allowed.any(axis=1))) if not pairs.allowed.any(axis=1).all() else -1
         )
@@ -164,6 +165,7 @@ class CuboidSet:
         N = self.lift.size
         padded = np.concatenate([q, np.zeros(4 * int(self._pairs.allowed.sum()))])
         solution = self._solver.solve(padded)
+        self._shares = solution.x[N + 3 :: 4]
         zero, tied, nonneg, inside = self._spans
         z, m = solution.z, len(self._pairs.sphere)
         own = np.concatenate(
@@ -171,6 +173,14 @@ class CuboidSet:
         )
         places = z[zero : zero + 3 * m]
         return replace(solution, x=solution.x[:N], z=np.concatenate([self._instance.original(own), places]))
+
+    def assignment(self, spheres: int) -> NDArray[np.int64]:
+        """(spheres,) of the cover, the cuboid that holds most of each sphere at the last solve; -1 where no joint moves it."""
+        shares = np.full(self._pairs.allowed.shape, -1.0)
+        shares[self._pairs.allowed] = self._shares
+        chosen = np.full(spheres, -1, dtype=np.int64)
+        chosen[self._pairs.sphere] = shares.argmax(axis=1)
+        return chosen
 
 
 def certify_model(problem: IKProblem, z: Array) -> Certificate | None:

@@ -64,6 +64,7 @@ class Avoidance:
             if not len(added):
                 return None
             planes = np.vstack([planes, added])[-SLOTS:]
+            search.stages.add("half-spaces", note=f"{len(added)} added, {len(planes)} in all")
             instance = self._instance_for(len(planes))
             instance.set_halfspaces(planes)
             q = search.attempt(instance, linearise(instance.lift, x)[1])

@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.errors import NotSolvedError
 from workcell.ik.certificate import Certificate
 from workcell.ik.problem import Clearance
+from workcell.ik.stages import SolverStage
 from workcell.pose import Array, read_only
 
 
@@ -64,6 +66,9 @@ class Candidate:
         stats: numbers about the work done (iterations, restarts, SDPs, residuals ...).
         rejected: why near misses failed, in words.
         error: a numerical failure, in words, or None.
+        stages: what was done, in order, with the time of each step; empty where the solver has but one.
+        cuboids: (m,) by sphere of the cover, the free-space cuboid that the solver had it in at `q` (-1: in none); None: no
+            cuboids were used.
     """
 
     q: Array | None = None
@@ -71,6 +76,8 @@ class Candidate:
     stats: Mapping[str, float] = field(default_factory=dict)
     rejected: tuple[str, ...] = ()
     error: str | None = None
+    stages: tuple[SolverStage, ...] = ()
+    cuboids: NDArray[np.int64] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +94,8 @@ class IKResult:
         solver: the name of the solver that found the answer.
         stats: numbers about the work done, `cpu_s` and `time_s` among them.
         rejected: why near misses failed, in words.
+        stages: what was done, in order, with the time of each step; verification is among them.
+        cuboids: as of `Candidate`.
     """
 
     status: Status
@@ -98,10 +107,14 @@ class IKResult:
     certificate: Certificate | None = None
     stats: Mapping[str, float] = field(default_factory=dict)
     rejected: tuple[str, ...] = ()
+    stages: tuple[SolverStage, ...] = ()
+    cuboids: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
         if self.q is not None:
             object.__setattr__(self, "q", read_only(self.q))
+        if self.cuboids is not None:
+            object.__setattr__(self, "cuboids", read_only(self.cuboids, np.int64))
         object.__setattr__(self, "stats", MappingProxyType(dict(self.stats)))
 
     @property

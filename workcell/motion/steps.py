@@ -10,6 +10,7 @@ import numpy as np
 
 from workcell.ik.problem import IKProblem
 from workcell.ik.result import IKResult, Status
+from workcell.ik.stages import SolverStage, report
 from workcell.ik.verify import Verifier
 from workcell.motion.local import Aside, LocalTracker
 from workcell.motion.toolpath import PathTolerance
@@ -59,15 +60,20 @@ class LocalSolver:
         begun = time.process_time()
         reference = problem.q_reference
         proposed = self.proposals.get(id(problem.target))
+        name = "proposed step"
         result = None if proposed is None else accepted(problem, proposed, self.tolerance)
         if result is None and reference is not None and problem.cover is self.tracker.template.cover:
+            name = "local step"
             tracked = self.tracker.track_anyhow([problem.target], reference)
             if tracked.complete:
                 result = accepted(problem, tracked.configurations[0], self.tolerance)
         if result is not None:
             self.local += 1
             spent = time.process_time() - begun
-            return replace(result, stats={"cpu_s": spent})
+            stage = SolverStage(name, spent, note="accepted", solver="local")
+            result = replace(result, stats={"cpu_s": spent}, stages=(stage,))
+            report(problem, result)
+            return result
         if self._rescue is None:
             return IKResult(Status.NOT_FOUND, "local")
         self.rescued += 1

@@ -1,0 +1,254 @@
+"""How `solve` runs solvers in turns: each for its share of the budget, until one gives an answer that holds."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workcell.errors import WorkcellError
+from workcell.ik.certificate import Certificate
+from workcell.ik.check import STATUS_OF_SCOPE, check_certificate
+from workcell.ik.problem import Budget, IKProblem
+from workcell.ik.result import Candidate, IKResult, Status
+from workcell.ik.stages import StageLog
+from workcell.ik.verify import Verification, verify
+from workcell.model.robot import LIMIT_SLACK
+from workcell.pose import Array
+
+Solver = Callable[[IKProblem, Budget, int], Candidate]
+
+AUTO = "auto"
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """A turn of a solver in the portfolio: it ends `seconds` (CPU) after it began, and when `share` of the budget is spent."""
+
+    name: str
+    solver: Solver
+    share: float = 1.0
+    seconds: float = np.inf
+
+
+class Resumed:
+    """Branch and bound that goes on where its last turn ended."""
+
+    def __init__(self) -> None:
+        self._search: Any = None
+
+    def __call__(self, problem: IKProblem, budget: Budget, seed: int) -> Candidate:
+        """Search on for as long as the budget says."""
+        from workcell.ik.branch import BranchSearch
+
+        deadline = time.process_time() + budget.cpu_s
+        self._search = self._search or BranchSearch(problem)
+        candidate: Candidate = self._search.run(deadline, budget.threads)
+        return candidate
+
+
+def _prepare_hjcd(problem: IKProblem) -> None:
+    from workcell.ik import hjcdik
+
+    hjcdik.prepare(problem)
+
+
+def _prepare_elementary(problem: IKProblem) -> None:
+    from workcell.ik import screen
+
+    screen.prepare()
+
+
+def _prepare_branch(problem: IKProblem) -> None:
+    from workcell.ik import branch
+
+    branch.prepare()
+
+
+_PREPARE: dict[str, Callable[[IKProblem], None]] = {
+    "elementary": _prepare_elementary,
+    "hjcd": _prepare_hjcd,
+    "branch": _prepare_branch,
+}
+"""What compiles a solver on first use, or loads it from the cache: no query's budget pays for that."""
+
+
+_WORK = {
+    "elementary": "elementary bounds",
+    "hjcd": "sampling",
+    "multistart": "local search",
+    "branch": "branch and bound",
+    "inside": "branch and bound inside",
+}
+"""What solvers without stages of their own do."""
+
+
+@dataclass(slots=True)
+class Portfolio:
+    """Runs solvers until one gives an answer that holds; remembers what the others said."""
+
+    problem: IKProblem
+    name: str
+    budget: Budget
+    seed: int
+    started_cpu: float = field(default_factory=time.process_time)
+    started: float = field(default_factory=time.perf_counter)
+    stats: dict[str, float] = field(default_factory=dict)
+    rejected: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+    in_model: tuple[str, Certificate] | None = None
+    log: StageLog = field(default_factory=StageLog)
+
+    def run(self, turns: tuple[Turn, ...]) -> IKResult:
+        """The first answer that holds."""
+        if self.budget.cpu_s == 0:
+            return self._result(Status.NOT_FOUND, self.name)
+        completed = 0
+        for order, turn in enumerate(turns):
+            left = turn.share * self.budget.cpu_s - self._spent()
+            if self.budget.iterations is None or turn.name != "hjcd":
+                left = min(left, turn.seconds)
+            if (turn.seconds > 0 and left <= 0) or self._is_futile(turn):
+                continue
+            budget = replace(self.budget, cpu_s=max(left, 0.0))
+            candidate = self._call(turn.name, turn.solver, budget, self.seed + 7919 * order)
+            completed += candidate.error is None
+            result = self._answer(turn.name, candidate)
+            if result is not None:
+                return result
+        if self.in_model is not None:
+            solver_name, certificate = self.in_model
+            return self._result(Status.BLOCKED_IN_MODEL, solver_name, certificate=certificate)
+        # the elementary turn alone finds nothing out about solutions
+        failed = self.errors and completed <= (1 if self.name == AUTO else 0)
+        return self._result(Status.SOLVER_ERROR if failed else Status.NOT_FOUND, self.name)
+
+    def _is_futile(self, turn: Turn) -> bool:
+        """Whether a turn can't find out more: branch and bound is through, or a short search has seen all it can."""
+        if turn.name == "branch":
+            return self.in_model is not None and self.in_model[0] == "branch"
+        if turn.name == "inside":
+            # only where the model around the real geometry is known to be too large, or time gets short
+            return self.problem.inner is None or (self.in_model is None and turn.seconds < np.inf)
+        return turn.name == "hjcd" and turn.seconds < np.inf and self.stats.get("hjcd.exhausted", 0.0) > 0.0
+
+    def _spent(self) -> float:
+        return time.process_time() - self.started_cpu
+
+    def _prepare(self, name: str) -> None:
+        """Set the clocks on by what compiling takes, and what is made once for a scene."""
+        make = IKProblem.inside if name == "inside" else _PREPARE.get(name)
+        if make is None:
+            return
+        cpu, wall = time.process_time(), time.perf_counter()
+        make(self.problem)
+        self.started_cpu += time.process_time() - cpu
+        self.started += time.perf_counter() - wall
+
+    def _call(self, name: str, solver: Solver, budget: Budget, seed: int) -> Candidate:
+        """A turn's candidate; whatever numerical failure happens inside becomes its `error`."""
+        self._prepare(name)
+        before = self._spent()
+        self.log.restart_clock()
+        try:
+            with np.errstate(all="ignore"):
+                candidate = solver(self.problem, budget, seed)
+        except WorkcellError as error:
+            if self.name != AUTO:
+                raise
+            candidate = Candidate(rejected=(f"{name} does not apply: {error}",))
+        except Exception as error:
+            candidate = Candidate(error=f"{type(error).__name__}: {error}")
+        except BaseException as error:
+            # a panic in Clarabel's Rust code arrives outside the Exception hierarchy
+            if type(error).__name__ != "PanicException":
+                raise
+            candidate = Candidate(error=f"the conic solver panicked: {error}")
+        if candidate.stages:
+            self.log.extend(candidate.stages, name)
+        else:
+            self.log.add(_WORK.get(name, name), numbers=candidate.stats, solver=name)
+        for key, value in {**candidate.stats, "cpu_s": self._spent() - before}.items():
+            label = f"{name}.{key}"
+            # what goes on where it stopped counts from its beginning
+            known = 0.0 if isinstance(solver, Resumed) and key != "cpu_s" else self.stats.get(label, 0.0)
+            self.stats[label] = known + float(value)
+        return candidate
+
+    def _answer(self, name: str, candidate: Candidate) -> IKResult | None:
+        """A result if the candidate holds; else its failures are noted."""
+        self.rejected += [reason for reason in candidate.rejected if reason not in self.rejected]
+        if candidate.error is not None:
+            self.errors.append(candidate.error)
+            self.rejected.append(f"{name} failed: {candidate.error}")
+        if candidate.q is not None:
+            q = self._into_limits(candidate.q)
+            verdict = verify(self.problem, q)
+            words = "accepted" if verdict.accepted else "; ".join(verdict.reasons)
+            self.log.add("verify", note=words, solver=name)
+            if verdict.accepted:
+                return self._result(Status.SOLVED, name, q=q, verdict=verdict, cuboids=candidate.cuboids)
+            self.rejected.append(f"{name}'s configuration was refused: {'; '.join(verdict.reasons)}")
+        if candidate.certificate is not None:
+            return self._proof(name, candidate.certificate)
+        return None
+
+    def _proof(self, name: str, certificate: Certificate) -> IKResult | None:
+        refusal = check_certificate(self.problem, certificate)
+        self.log.add("check of the proof", note=refusal or "it holds", solver=name)
+        if refusal is not None:
+            self.rejected.append(f"{name}'s certificate was refused: {refusal}")
+            return None
+        status = STATUS_OF_SCOPE[certificate.scope]
+        if status is Status.BLOCKED_IN_MODEL and self.name == AUTO:
+            # the true geometry may still allow a solution: let the other solvers look for it
+            self.in_model = self.in_model or (name, certificate)
+            return None
+        return self._result(status, name, certificate=certificate)
+
+    def _into_limits(self, q: Array) -> Array:
+        """Clamp what exceeds the limits by rounding only; the rest is the judge's business."""
+        robot = self.problem.robot
+        values = np.array(q, dtype=float)
+        if values.shape != (robot.dof,):
+            return values
+        clamped: Array = np.clip(values, robot.lower, robot.upper)
+        excess = float(np.abs(clamped - values).max())
+        if not 0 < excess <= LIMIT_SLACK:
+            return values
+        self.stats["clamped_to_limits"] = excess
+        return clamped
+
+    def _result(
+        self,
+        status: Status,
+        solver: str,
+        *,
+        q: Array | None = None,
+        verdict: Verification | None = None,
+        certificate: Certificate | None = None,
+        cuboids: NDArray[np.int64] | None = None,
+    ) -> IKResult:
+        stats = {**self.stats, "cpu_s": self._spent(), "time_s": time.perf_counter() - self.started}
+        measured: dict[str, Any] = {}
+        if verdict is not None:
+            measured = {
+                "position_error": verdict.position_error,
+                "rotation_error": verdict.rotation_error,
+                "clearance": verdict.clearance,
+            }
+        return IKResult(
+            status,
+            solver,
+            q=q,
+            certificate=certificate,
+            stats=stats,
+            rejected=tuple(self.rejected),
+            stages=self.log.stages,
+            cuboids=cuboids,
+            **measured,
+        )

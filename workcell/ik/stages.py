@@ -1,0 +1,125 @@
+"""What a solver did, stage by stage, with the CPU time of each; and how to be told of every query that is answered."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from workcell.ik.problem import IKProblem
+    from workcell.ik.result import IKResult
+
+KEPT = 100
+"""Stages of one query, from its beginning and from its end, that are kept one by one; those between are added up."""
+
+NO_GAP = float("nan")
+_WORTH_TELLING = 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class SolverStage:
+    """One step of the work on a query.
+
+    Attributes:
+        name: `relaxation` (the first point of a restart), `rank reduction` (the points after it), `snap` (the
+            configuration read from a point of low rank, and polished), `judge`, `verify`, `sampling`, ...
+        cpu_s: seconds of CPU time of the process.
+        gap: rank residual of the point that was reached: the largest of 1 - (largest eigenvalue / trace) of IKSPARK's
+            blocks, or CIDGIK's excess rank; nan where there is no such point.
+        note: what came of it, in words.
+        numbers: counts of the work, such as restarts or nodes.
+        solver: whose work it was.
+    """
+
+    name: str
+    cpu_s: float
+    gap: float = NO_GAP
+    note: str = ""
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    solver: str = ""
+
+    @property
+    def words(self) -> str:
+        """The note, and the counts that are not zero."""
+        counts = (f"{value:.4g} {name.replace('_', ' ')}" for name, value in self.numbers.items() if value)
+        return "; ".join(part for part in (self.note, ", ".join(counts)) if part)
+
+
+class StageLog:
+    """Collects stages; each takes the CPU time since the one before it."""
+
+    def __init__(self) -> None:
+        self._first: list[SolverStage] = []
+        self._last: deque[SolverStage] = deque()
+        self._between, self._between_cpu_s = 0, 0.0
+        self._since = time.process_time()
+
+    def restart_clock(self) -> None:
+        """What happened since the last stage belongs to none."""
+        self._since = time.process_time()
+
+    def add(
+        self,
+        name: str,
+        *,
+        gap: float = NO_GAP,
+        note: str = "",
+        numbers: Mapping[str, float] | None = None,
+        solver: str = "",
+    ) -> None:
+        """The stage that has just ended."""
+        now = time.process_time()
+        self._append(SolverStage(name, now - self._since, gap, note, numbers or {}, solver))
+        self._since = now
+
+    def extend(self, stages: tuple[SolverStage, ...], solver: str) -> None:
+        """Stages that a solver has timed itself, and before them what it took besides; the clock goes on from now."""
+        besides = time.process_time() - self._since - sum(stage.cpu_s for stage in stages)
+        if besides > _WORTH_TELLING:
+            self._append(SolverStage("set-up", besides, solver=solver))
+        for stage in stages:
+            self._append(replace(stage, solver=stage.solver or solver))
+        self.restart_clock()
+
+    def _append(self, stage: SolverStage) -> None:
+        if len(self._first) < KEPT:
+            self._first.append(stage)
+            return
+        self._last.append(stage)
+        if len(self._last) > KEPT:
+            self._between += 1
+            self._between_cpu_s += self._last.popleft().cpu_s
+
+    @property
+    def stages(self) -> tuple[SolverStage, ...]:
+        """What has been collected, in order."""
+        if not self._between:
+            return (*self._first, *self._last)
+        folded = SolverStage("more of these", self._between_cpu_s, numbers={"stages": self._between})
+        return (*self._first, replace(folded, solver=self._first[-1].solver), *self._last)
+
+
+Observer = Callable[["IKProblem", "IKResult"], None]
+_observer: ContextVar[Observer | None] = ContextVar("workcell_ik_observer", default=None)
+
+
+@contextmanager
+def observed(observer: Observer) -> Iterator[None]:
+    """Calls `observer(problem, result)` for every query of this thread that is answered meanwhile; the innermost counts."""
+    token = _observer.set(observer)
+    try:
+        yield
+    finally:
+        _observer.reset(token)
+
+
+def report(problem: IKProblem, result: IKResult) -> None:
+    """Tells the observer, if there is one, of an answered query."""
+    observer = _observer.get()
+    if observer is not None:
+        observer(problem, result)

@@ -30,7 +30,7 @@ ROOM = 5e-4
 """Metres that a path keeps clear where its ends do: what the proofs, ours and others', are easy with."""
 GOALS = 6
 """Goal configurations of the first round; every further round has twice as many."""
-FIRST_ITERATIONS, FIRST_LOOKS = 200_000, 10_000
+FIRST_ITERATIONS, FIRST_LOOKS = 200_000, 30_000
 """Samples drawn and configurations looked at in the first round, at most: 0.1 s or so. Every further round has twice as
 many. Counts and not times, so that a slower machine finds the same path."""
 SAMPLING = 0.1

@@ -11,9 +11,12 @@ from workcell.ik.kernels.options import RandomState, uniform
 from workcell.jit import inner, kernel
 from workcell.motion.kernels.body import Body, Room, room
 from workcell.motion.kernels.line import INTERVALS, PROVED, prove_line
+from workcell.motion.kernels.touch import line_touches
 from workcell.motion.kernels.tree import FINEST, MOST
 from workcell.pose import Array
 
+_SPACING = 0.25
+"""Radians between samples that are looked at before a line is proved."""
 _WORTH = 1e-3
 """Share of its length that a shortcut must save."""
 
@@ -28,8 +31,12 @@ def _distance(a: Array, b: Array) -> float:
 
 @inner
 def _clear(body: Body, a: Array, b: Array, tally: NDArray[np.int64], work: Room) -> bool:
-    verdict = prove_line(body, a, b, 0.0, body.floor, FINEST, MOST, work)
+    samples = line_touches(body, a, b, _SPACING, work)
     tally[0] += 1
+    tally[1] += abs(samples)
+    if samples < 0:
+        return False
+    verdict = prove_line(body, a, b, 0.0, body.floor, FINEST, MOST, work)
     tally[1] += verdict.looks
     return verdict.code == PROVED
 

@@ -15,7 +15,7 @@ import math
 from typing import NamedTuple
 
 from workcell.geometry.kernels.chain import carried
-from workcell.geometry.kernels.distance import HALFSPACE, HULL, hull_height, signed_distance
+from workcell.geometry.kernels.distance import BOX, HALFSPACE, HULL, hull_height, signed_distance
 from workcell.jit import inner
 from workcell.motion.kernels.body import Body, span
 from workcell.pose import Array
@@ -57,15 +57,11 @@ def _velocity(W: Array, a: int, b: int, x: float, y: float, z: float) -> tuple[f
 
 
 @inner
-def _ball_travel(
-    W: Array, a: int, b: int, x: float, y: float, z: float, radius: float, half: float, bend: float
-) -> float:
-    """How far any centre within `radius` of the point that link b carries can move relative to link a."""
+def _ball_speed(W: Array, a: int, b: int, x: float, y: float, z: float, radius: float) -> float:
+    """How fast, at most, any centre within `radius` of the point that link b carries moves relative to link a."""
     u, v, w = _velocity(W, a, b, x, y, z)
     wx, wy, wz = W[b, 3] - W[a, 3], W[b, 4] - W[a, 4], W[b, 5] - W[a, 5]
-    speed = math.sqrt(u * u + v * v + w * w) + radius * math.sqrt(wx * wx + wy * wy + wz * wz)
-    travel: float = half * (speed + 0.5 * bend * half)
-    return travel
+    return math.sqrt(u * u + v * v + w * w) + radius * math.sqrt(wx * wx + wy * wy + wz * wz)
 
 
 @inner
@@ -74,13 +70,16 @@ def safe_steps(
 ) -> Steps:
     """Steps of at most `half` in either direction that every pair and the cone allow.
 
+    The links at the tip come first: they restrict most, and what can't be met within the steps that are left
+    need not be looked at.
+
     Args:
         T, W, A, twisting: frames, velocities and bounds on accelerations (`body.accelerations`).
         keep: share of the clearance above the floor that the steps leave untouched: more steps, a better `level`.
         level: pairs that stay farther apart than this need not be looked at.
     """
     forward, backward, gap, first, second = half, half, 1e3, -1, -1
-    floor = body.floor + SAFETY
+    floor, rows = body.floor + SAFETY, body.obstacles
     if body.cone[6] > -2.0:
         spare, slope = _cone(body, T, W)
         if spare < 0.0:
@@ -89,65 +88,59 @@ def safe_steps(
             min(forward, span(spare, slope, twisting)),
             min(backward, span(spare, -slope, twisting)),
         )
-    for link in range(body.balls.shape[0]):
+    for link in range(body.balls.shape[0] - 1, -1, -1):
         begin, end = int(body.balls[link, 4]), int(body.balls[link, 5])
         if begin == end:
             continue
         bx, by, bz = carried(T, link, body.balls, link)
         radius, bend = body.balls[link, 3], A[0, link]
-        travel = _ball_travel(W, 0, link, bx, by, bz, radius, half, bend)
-        reach = radius + travel + level + SAFETY
-        for j in range(body.obstacles.shape[0]):
-            if _far(body, j, bx, by, bz, reach):
+        speed = _ball_speed(W, 0, link, bx, by, bz, radius)
+        for j in range(rows.shape[0]):
+            longest = max(forward, backward)
+            travel = longest * (speed + 0.5 * bend * longest) + level + SAFETY
+            reach = radius + travel + rows[j, 16]
+            dx, dy, dz = bx - rows[j, 1], by - rows[j, 2], bz - rows[j, 3]
+            kind = rows[j, 0]
+            if kind != HALFSPACE and dx * dx + dy * dy + dz * dz > reach * reach:
                 continue
             for i in range(begin - 1, end):
-                # the ball around the spheres comes first; one call for both is compiled once
+                # the ball around the spheres comes first
                 x, y, z = (bx, by, bz) if i < begin else carried(T, link, body.spheres, i)
-                near = reach
-                u, v, w = 0.0, 0.0, 0.0
-                if i >= begin:
-                    u, v, w = _velocity(W, 0, link, x, y, z)
-                    speed = math.sqrt(u * u + v * v + w * w)
-                    near = body.spheres[i, 3] + half * (speed + 0.5 * bend * half) + level + SAFETY
-                if (
-                    body.obstacles[j, 0] == HULL
-                    and hull_height(body.obstacles, body.faces, j, x, y, z) > near
-                ):
-                    if i < begin:
-                        break
-                    continue
-                d, gx, gy, gz = signed_distance(body.obstacles, body.faces, j, x, y, z)
-                if d > near:
-                    if i < begin:
-                        break
-                    continue
-                if i < begin:
+                near = travel + (radius if i < begin else body.spheres[i, 3])
+                far = False
+                if kind == BOX:
+                    dx, dy, dz = x - rows[j, 1], y - rows[j, 2], z - rows[j, 3]
+                    u = max(abs(rows[j, 4] * dx + rows[j, 7] * dy + rows[j, 10] * dz) - rows[j, 13], 0.0)
+                    v = max(abs(rows[j, 5] * dx + rows[j, 8] * dy + rows[j, 11] * dz) - rows[j, 14], 0.0)
+                    w = max(abs(rows[j, 6] * dx + rows[j, 9] * dy + rows[j, 12] * dz) - rows[j, 15], 0.0)
+                    far = u * u + v * v + w * w > near * near
+                    if i < begin and not far:
+                        continue
+                elif kind == HULL:
+                    far = hull_height(rows, body.faces, j, x, y, z) > near
+                d, gx, gy, gz = 0.0, 0.0, 0.0, 0.0
+                if not far:
+                    d, gx, gy, gz = signed_distance(rows, body.faces, j, x, y, z)
+                    far = d > near
+                if far and i < begin:
+                    break
+                if far or i < begin:
                     continue
                 d -= body.spheres[i, 3]
                 if d < gap:
                     gap, first, second = d, i, j
                     if d < floor:
                         return Steps(-1.0, -1.0, level, gap, first, second)
+                u, v, w = _velocity(W, 0, link, x, y, z)
                 spare, slope = (1.0 - keep) * (d - floor), gx * u + gy * v + gz * w
                 level = min(level, d - spare)
                 forward = min(forward, span(spare, slope, bend))
                 backward = min(backward, span(spare, -slope, bend))
-    return _self_steps(body, T, W, A, half, keep, Steps(forward, backward, level, gap, first, second))
+    return _self_steps(body, T, W, A, keep, Steps(forward, backward, level, gap, first, second))
 
 
 @inner
-def _far(body: Body, j: int, x: float, y: float, z: float, reach: float) -> bool:
-    """Whether obstacle j is surely farther than `reach` from a point, by its bounding ball."""
-    if body.obstacles[j, 0] == HALFSPACE:
-        return False
-    dx, dy, dz = x - body.obstacles[j, 1], y - body.obstacles[j, 2], z - body.obstacles[j, 3]
-    reach += body.obstacles[j, 16]
-    far: bool = dx * dx + dy * dy + dz * dz > reach * reach
-    return far
-
-
-@inner
-def _self_steps(body: Body, T: Array, W: Array, A: Array, half: float, keep: float, found: Steps) -> Steps:
+def _self_steps(body: Body, T: Array, W: Array, A: Array, keep: float, found: Steps) -> Steps:
     """The same for pairs of links, from what the obstacles allow."""
     forward, backward, level, gap, first, second = found
     floor = body.floor + SAFETY
@@ -155,7 +148,9 @@ def _self_steps(body: Body, T: Array, W: Array, A: Array, half: float, keep: flo
         a, b = body.pairs[p, 0], body.pairs[p, 1]
         ax, ay, az = carried(T, a, body.balls, a)
         bx, by, bz = carried(T, b, body.balls, b)
-        travel = _ball_travel(W, a, b, bx, by, bz, body.balls[b, 3], half, A[a, b])
+        longest = max(forward, backward)
+        speed = _ball_speed(W, a, b, bx, by, bz, body.balls[b, 3])
+        travel = longest * (speed + 0.5 * A[a, b] * longest)
         reach = body.balls[a, 3] + body.balls[b, 3] + travel + level + SAFETY
         if (bx - ax) ** 2 + (by - ay) ** 2 + (bz - az) ** 2 > reach * reach:
             continue

@@ -1,6 +1,7 @@
 """RRT-Connect (Kuffner and LaValle, 2000) from one start to any of many goals, with edges that are proved when they are added.
 
-Nodes that keep failing draw samples from near by only (dynamic domains: Yershova, Jaillet, Simeon, LaValle, 2005, with
+An edge ends before the first of a few samples that touches something. The smaller tree grows, so that a tree that is
+walled in gets the samples which it takes to come out. Nodes that keep failing draw samples from near by only (dynamic domains: Yershova, Jaillet, Simeon, LaValle, 2005, with
 the adaptive radius of Jaillet et al., 2005).
 """
 
@@ -17,6 +18,7 @@ from workcell.ik.kernels.options import RandomState, uniform
 from workcell.jit import inner, kernel
 from workcell.motion.kernels.body import Body, Room, room
 from workcell.motion.kernels.line import INTERVALS, PROVED, prove_line
+from workcell.motion.kernels.touch import free_samples
 from workcell.pose import Array
 
 JOINED, OPEN, FULL = 1, 0, -1
@@ -27,6 +29,8 @@ _ADAPT = 0.05
 """Relative change of a node's radius at each success or failure."""
 _NEAR, _LEAST = 4.0, 1.0
 """Radius of a node's domain after its first failure, and the least it may shrink to, in steps."""
+SAMPLES = 4
+"""Samples of a whole step that are looked at before it is proved."""
 ITERATIONS, EDGES, LOOKS = 0, 1, 2
 """Places in `Trees.tally`."""
 
@@ -110,30 +114,40 @@ def tilt_upright(body: Body, q: Array, work: Room) -> bool:
 
 
 @inner
-def _step(
-    body: Body, trees: Trees, side: int, node: int, target: Array, length: float, q: Array, work: Room
-) -> int:
-    """A node at most `length` from `node` towards `target`, or at it, if the way there is proved; else -1."""
+def towards(
+    body: Body, tally: NDArray[np.int64], here: Array, target: Array, length: float, q: Array, work: Room
+) -> float:
+    """Into q (n,) a configuration at most `length` from `here` towards `target`, as far as samples of the way are clear.
+
+    Returns the share of the step that was made, if the way is proved; 1: all of it; 0: no step.
+    """
     n, square = q.shape[0], 0.0
     for k in range(n):
-        square += (target[k] - trees.nodes[side, node, k]) ** 2
+        square += (target[k] - here[k]) ** 2
     distance = math.sqrt(square)
     share = min(1.0, length / max(distance, 1e-12))
     for k in range(n):
-        here = trees.nodes[side, node, k]
-        q[k] = target[k] if share == 1.0 else here + share * (target[k] - here)
+        q[k] = target[k] if share == 1.0 else here[k] + share * (target[k] - here[k])
     if body.cone[6] > -2.0 and share < 1.0:
         if not tilt_upright(body, q, work):
-            return -1
+            return 0.0
         left = 0.0
         for k in range(n):
             left += (target[k] - q[k]) ** 2
         if math.sqrt(left) > distance - 0.1 * length:
-            return -1
-    verdict = prove_line(body, trees.nodes[side, node], q, 0.0, body.floor, FINEST, MOST, work)
-    trees.tally[EDGES] += 1
-    trees.tally[LOOKS] += verdict.looks
-    return _add(trees, side, q, node) if verdict.code == PROVED else -1
+            return 0.0
+    tally[EDGES] += 1
+    samples = max(int(math.ceil(SAMPLES * share * distance / length)), 1)
+    free = free_samples(body, here, q, samples, work)
+    tally[LOOKS] += min(free + 1, samples)
+    if free == 0:
+        return 0.0
+    if free < samples:
+        for k in range(n):
+            q[k] = here[k] + free / samples * (q[k] - here[k])
+    verdict = prove_line(body, here, q, 0.0, body.floor, FINEST, MOST, work)
+    tally[LOOKS] += verdict.looks
+    return free / samples if verdict.code == PROVED else 0.0
 
 
 @inner
@@ -149,8 +163,11 @@ def _reach(body: Body, trees: Trees, side: int, target: Array, length: float, q:
     """Steps from the nearest node to `target`; its new node, or -1 where the way is barred."""
     node, _ = _nearest(trees, side, target)
     while trees.size[side] < trees.nodes.shape[1]:
-        node = _step(body, trees, side, node, target, length, q, work)
-        if node < 0:
+        share = towards(body, trees.tally, trees.nodes[side, node], target, length, q, work)
+        if share == 0.0:
+            return -1
+        node = _add(trees, side, q, node)
+        if share < 1.0:
             return -1
         square = 0.0
         for k in range(q.shape[0]):
@@ -172,23 +189,21 @@ def grow(body: Body, trees: Trees, length: float, iterations: int, meeting: NDAr
     for _ in range(iterations):
         if max(trees.size[0], trees.size[1]) >= capacity - 1:
             return FULL
-        side = trees.tally[ITERATIONS] % 2
+        side = 0 if trees.size[0] <= trees.size[1] else 1
         trees.tally[ITERATIONS] += 1
-        if trees.size[side] > 2 * trees.size[1 - side] + 50:
-            side = 1 - side
         if not _draw(body, trees, sample, work):
             continue
         node, distance = _nearest(trees, side, sample)
         if distance > trees.radius[side, node]:
             continue
-        new = _step(body, trees, side, node, sample, length, q, work)
-        if new < 0:
+        if towards(body, trees.tally, trees.nodes[side, node], sample, length, q, work) == 0.0:
             radius = trees.radius[side, node]
             trees.radius[side, node] = (
                 _NEAR * length if radius == np.inf else max(radius * (1.0 - _ADAPT), _LEAST * length)
             )
             continue
         trees.radius[side, node] *= 1.0 + _ADAPT
+        new = _add(trees, side, q, node)
         for k in range(n):
             sample[k] = trees.nodes[side, new, k]
         met = _reach(body, trees, 1 - side, sample, length, q, work)

@@ -39,3 +39,35 @@ def test_the_clock_counts_compiling_and_says_so_once():
     assert spent > 0 and said == ["compiling"]
     assert both(2) == 5
     assert compile_seconds() - before == spent
+
+
+def test_two_processes_that_compile_at_once_never_mix_up_overloads(tmp_path):
+    def file(stamp=1):
+        return jit.KernelFile(str(tmp_path), "kernels.shrink-1.py311", stamp)
+
+    first, second = file(), file()
+    first.save("float64(float64)", b"one")
+    second.save("int64(int64)", b"two")
+    # each decided on its file's name before it knew of the other's
+    interleaved = file()
+    interleaved._load_index = dict
+    interleaved.save("float32(float32)", b"three")
+    found = {key: file().load(key) for key in ("float64(float64)", "int64(int64)", "float32(float32)")}
+    assert found["float32(float32)"] == b"three"
+    assert found["float64(float64)"] in (b"one", None) and found["int64(int64)"] in (b"two", None)
+
+
+def test_what_is_stale_is_neither_called_nor_kept(tmp_path):
+    jit.KernelFile(str(tmp_path), "kernels.shrink-1.py311", 1).save("float64(float64)", b"old")
+    edited = jit.KernelFile(str(tmp_path), "kernels.shrink-1.py311", 2)
+    assert edited.load("float64(float64)") is None and not edited.holds_any
+    edited.save("int64(int64)", b"new")
+    assert edited.load("int64(int64)") == b"new" and edited.holds_any
+    assert len(list(tmp_path.glob("*.nbc"))) == 1
+
+
+def test_a_file_that_is_gone_is_compiled_again(tmp_path):
+    kept = jit.KernelFile(str(tmp_path), "kernels.shrink-1.py311", 1)
+    kept.save("float64(float64)", b"one")
+    next(tmp_path.glob("*.nbc")).unlink()
+    assert kept.load("float64(float64)") is None

@@ -8,6 +8,8 @@ where that is read-only; `NUMBA_CACHE_DIR` overrides both.
 from __future__ import annotations
 
 import functools
+import glob
+import hashlib
 import re
 import sys
 from collections.abc import Callable
@@ -16,6 +18,7 @@ from typing import Any, TypeVar
 
 from numba import njit
 from numba.core import event
+from numba.core.caching import IndexDataCacheFile
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -91,11 +94,49 @@ def _stamped(compiled: Any, module: str) -> Any:
     own file only, not at those it calls into. There is no public way to say so; without the attribute numba's own rule
     holds.
     """
-    cache_file: Any = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
+    known: Any = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     file = getattr(sys.modules.get(module), "__file__", None)
-    if hasattr(cache_file, "_source_stamp") and file is not None:
-        cache_file._source_stamp = _stamp(Path(file))
+    if isinstance(known, IndexDataCacheFile) and file is not None:
+        base = known._index_name.removesuffix(".nbi")
+        compiled._cache._cache_file = KernelFile(known._cache_path, base, _stamp(Path(file)))
     return compiled
+
+
+class KernelFile(IndexDataCacheFile):  # type: ignore[misc]
+    """A kernel's file in the cache, for several processes that compile at the same time.
+
+    numba's own numbers the overloads of a kernel, so that two processes may give one number to two of them, and one would
+    be called in place of the other. Here a file is named after what is in it, and is whole before the index names it.
+    """
+
+    def save(self, key: object, data: object) -> None:
+        """Keep a compiled overload."""
+        content = hashlib.sha256(repr((key, self._source_stamp)).encode()).hexdigest()[:16]
+        name = self._index_name.replace(".nbi", f".{content}.nbc")
+        self._save_data(name, data)
+        overloads = self._load_index()
+        if not overloads:
+            self._remove_stale()
+        self._save_index({**overloads, key: name})
+
+    def _remove_stale(self) -> None:
+        """Remove what an earlier version of the kernel left: the files that are older than its index."""
+        index, base = Path(self._index_path), self._index_name.removesuffix(".nbi")
+        if index.exists():
+            for file in index.parent.glob(f"{glob.escape(base)}.*.nbc"):
+                if file.stat().st_mtime < index.stat().st_mtime:
+                    file.unlink(missing_ok=True)
+
+    @property
+    def holds_any(self) -> bool:
+        """Whether an overload was kept that is not stale."""
+        return bool(self._load_index())
+
+
+def is_compiled(function: object) -> bool:
+    """Whether a kernel is in the cache already, for some types; True where that can't be told."""
+    file = getattr(getattr(function, "_cache", None), "_cache_file", None)
+    return file.holds_any if isinstance(file, KernelFile) else True
 
 
 @functools.cache

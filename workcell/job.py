@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NoReturn
 
 import numpy as np
@@ -39,6 +40,8 @@ TRACKING_ROOM = 0.001
 """Metres that a timed motion keeps clear: the tracking error that the simulation may have."""
 MOVING = PlanSettings(clearance=0.002, iterations=6000)
 """How joint motions between two configurations are planned."""
+LOOKING = replace(MOVING, iterations=1000, attempts=1)
+"""How hard it is tried to get to a configuration that is one of several."""
 
 
 @dataclass(slots=True)
@@ -139,13 +142,20 @@ class Job:
         *,
         tolerance: PathTolerance | None = None,
         q_start: Array | None = None,
+        begins: Callable[[Array], bool] | None = None,
     ) -> Path:
-        """A continuous joint path along tool poses, from the start that leads all the way (or from the given one)."""
+        """A continuous joint path along tool poses, from the start that leads all the way (or from the given one).
+
+        Without `begins`, it begins at a configuration that `move` can get to from where the robot stands.
+        """
+        if begins is None and q_start is None:
+            begins = functools.partial(self.gets_to, world, world.robot.start)
         result = route(
             world.problem(poses[0]),
             poses,
             q_start,
             q_near=world.robot.start,
+            begins=begins,
             tolerance=tolerance,
             limits=limits,
             solver=self.planner,
@@ -171,6 +181,10 @@ class Job:
             self.fail(found.status.value, f"{what}: {found.detail}. {found.status.sentence}")
         self.say(f"{what}: {len(found.path)} waypoints, proved clear")
         return found.path
+
+    def gets_to(self, world: PlanningWorld, q_from: Array, q_to: Array) -> bool:
+        """Whether a quick search finds what `move` looks for: a collision-free joint path between two configurations."""
+        return plan_in_world(world, q_from, q_to, settings=LOOKING, seed=self.seed).planned
 
     def reach(
         self, world: PlanningWorld, q_start: Array, inward: Sequence[Pose], limits: FollowLimits, what: str

@@ -158,3 +158,20 @@ def test_bad_input(arm7):
         route(template, line(start, Pose.from_xyz([0.1, 0, 0]) @ start), np.full(7, 0.5))
     with pytest.raises(InputError, match="clearance"):
         FollowLimits(clearance=np.nan)
+
+
+def test_only_starts_that_may_be_one_are_taken(elbow):
+    """A line that both elbows can follow: the one that may not begin is passed over; where none may, that is said."""
+    start = flat(elbow, [0.3, -1.2, 0.2])
+    poses = line(start, Pose.from_xyz([0.05, 0.0, 0.0]) @ start, 0.02)
+
+    def bent(q):
+        return bool(q[1] > 0)
+
+    for solver in ("auto", "ikspark"):
+        result = route(IKProblem(elbow, start), poses, begins=bent, limits=LIMITS, solver=solver)
+        assert result.followed and result.path is not None and bent(result.path.start)
+        refused = route(IKProblem(elbow, start), poses, begins=lambda q: False, limits=LIMITS, solver=solver)
+        assert refused.status is FollowStatus.NOT_FOUND and refused.failure is not None
+        assert "no way was found from where the robot stands" in refused.failure.words
+        assert refused.tried and all("no way to it" in words for words in refused.tried)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workcell.errors import InputError
-from workcell.ik.result import IKResult
+from workcell.ik.result import IKResult, Status
 from workcell.motion.path import Path, PathMetrics
 from workcell.pose import Pose
 
@@ -125,6 +125,29 @@ class FollowResult:
     tried: tuple[str, ...] = ()
 
     @property
+    def fraction(self) -> float:
+        """The share of the path's given poses that was followed."""
+        return 1.0 if self.failure is None else self.failure.fraction
+
+    @property
     def followed(self) -> bool:
         """Whether the whole path was followed."""
         return self.status is FollowStatus.FOLLOWED
+
+
+def without_start(pose: Pose, answer: IKResult) -> FollowResult:
+    """No configuration of the path's first pose is known: the solver's last answer about it says why."""
+    status = {
+        Status.UNREACHABLE: FollowStatus.UNREACHABLE,
+        Status.BLOCKED: FollowStatus.BLOCKED,
+        Status.BLOCKED_IN_MODEL: FollowStatus.BLOCKED_IN_MODEL,
+    }.get(answer.status, FollowStatus.NOT_FOUND)
+    return FollowResult(status, None, FollowFailure(0, 0.0, pose, answer.status.sentence, answer), None, 1)
+
+
+def not_begun(pose: Pose) -> FollowResult:
+    """Motions along the path are known, and the robot gets to the start of none of them; `pose` is the first."""
+    detail = (
+        "no way was found from where the robot stands to a configuration from which the path can be followed"
+    )
+    return FollowResult(FollowStatus.NOT_FOUND, None, FollowFailure(0, 0.0, pose, detail), None, 0)

@@ -9,22 +9,28 @@ every waypoint and proves what lies between; where a step of it fails, the conve
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from workcell.geometry.types import SphereCover
-from workcell.ik.diverse import solutions
-from workcell.ik.hjcdik import collect_solutions
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import IKResult, Status
 from workcell.ik.solve import solve
 from workcell.motion.follow import STEP_BUDGET, diagnose, follow, local_solver, step_solver
 from workcell.motion.graph import DeadEnd, Route, Routes, RouteSearch
 from workcell.motion.local import LocalTracker
-from workcell.motion.outcome import FollowFailure, FollowLimits, FollowResult, FollowStatus
+from workcell.motion.outcome import (
+    FollowFailure,
+    FollowLimits,
+    FollowResult,
+    FollowStatus,
+    not_begun,
+    without_start,
+)
+from workcell.motion.starts import nearby, sampled, with_turns
 from workcell.motion.steps import LocalSolver, Solver, Tolerant, starting_poses
 from workcell.motion.toolpath import PathTolerance, check_tool_path
 from workcell.pose import Array, Pose
@@ -53,6 +59,7 @@ def route(
     q_start: ArrayLike | None = None,
     *,
     q_near: ArrayLike | None = None,
+    begins: Callable[[Array], bool] | None = None,
     tolerance: PathTolerance | None = None,
     limits: FollowLimits | None = None,
     extent: SphereCover | None = None,
@@ -65,6 +72,7 @@ def route(
         template, tool_poses, tolerance, limits, extent: as of `follow`.
         q_start: (n,) a configuration that has the tool at the first pose; None: any.
         q_near: (n,) where the robot stands before: of routes that are alike, one that begins near it is taken.
+        begins: whether a motion may begin at a configuration (n,), such as one that the robot can get to; None: at any.
         solver: `auto`: local tracking, with IKSPARK where it fails. `ikspark`, `cidgik`: every configuration, starts
             included, by the convex method alone; the graph only says which start to take first, and which of the poses
             that the tolerance allows to ask for.
@@ -89,6 +97,7 @@ def route(
     given = None if q_start is None else template.robot.configuration(q_start, where="q_start")
     if q_near is not None:
         search.near = template.robot.configuration(q_near, where="q_near")
+    search.begins = begins
     return search.by_convex_steps(given) if solver in CONVEX else search.by_graph(given)
 
 
@@ -108,6 +117,7 @@ class _Search:
         self.template, self.poses, self.tolerance, self.limits = template, poses, tolerance, limits
         self.extent, self.solver, self.seed = extent, solver, seed
         self.near: Array | None = None
+        self.begins: Callable[[Array], bool] | None = None
         keep = max(limits.clearance, template.tolerances.safety_margin)
         self.problem = replace(template, tolerances=replace(template.tolerances, safety_margin=keep))
 
@@ -115,21 +125,18 @@ class _Search:
         """Every configuration by the convex solver; which start, and which allowed poses, the graph foretells."""
         starts, answer = ([q_start], None) if q_start is not None else self._convex_starts()
         if not starts:
-            return self._no_start(answer or IKResult(Status.NOT_FOUND, self.solver))
+            return without_start(self.poses[0], answer or IKResult(Status.NOT_FOUND, self.solver))
         foretold = self._graph(self._local().tracker).run(starts)
         ends = sorted(foretold.dead_ends, key=lambda end: -end.waypoint)
         complete = sorted(foretold.complete, key=self._price)
         motions = [(path.start, path.configurations) for path in complete]
         motions += [(end.start, end.motion) for end in ends]
         tried: list[str] = []
-        best: FollowResult | None = None
-        for start, motion in motions[:VERIFIED]:
-            result = self._followed(motion[0], self._convex_solver(motion), self.limits)
-            if result.followed:
-                return replace(result, tried=tuple(tried))
-            tried.append(f"start {start}: {result.failure.words if result.failure else ''}")
-            best = result if best is None or _reached(result) > _reached(best) else best
-        assert best is not None
+
+        def followed(motion: Array) -> FollowResult:
+            return self._followed(motion[0], self._convex_solver(motion), self.limits)
+
+        best = self._first_followed(motions, followed, tried) or not_begun(self.poses[0])
         return replace(best, tried=tuple(tried))
 
     def _convex_starts(self) -> tuple[list[Array], IKResult | None]:
@@ -145,7 +152,7 @@ class _Search:
                 found.append(np.array(answer.q))
             if answer.status.is_proof and self.tolerance.exact:
                 break
-        return found, answer
+        return with_turns(self.template.robot, found, self.near), answer
 
     def _convex_solver(self, motion: Array) -> Tolerant:
         """Steps by the convex solver to the allowed poses that a motion (k, n) has."""
@@ -160,27 +167,45 @@ class _Search:
     def by_graph(self, q_start: Array | None) -> FollowResult:
         """The cheapest routes of the graph, the first that stands every check."""
         local = self._local()
-        starts = (
-            [q_start] if q_start is not None else [*self._nearby(), *self._sampled(0, STARTS, START_BUDGET)]
-        )
+        starts = [q_start] if q_start is not None else self._starts()
         if not starts:
             first = replace(self.problem, target=self.poses[0])
             answer = Tolerant(step_solver(self.solver, seed=self.seed), self.tolerance)(first)
             if answer.q is None or not answer.solved:
-                return self._no_start(answer)
+                return without_start(self.poses[0], answer)
             starts = [np.array(answer.q)]
         found = self._routes(local, starts, free_start=q_start is None)
         tried = [self._words(end) for end in found.dead_ends]
-        best: FollowResult | None = None
-        for path in sorted(found.complete, key=self._price)[:VERIFIED]:
-            result = self._follow(local, path.configurations, self.limits)
-            if result.followed:
-                return replace(result, tried=tuple(tried))
-            tried.append(f"start {path.start}: {result.failure.words if result.failure else ''}")
-            best = result if best is None or _reached(result) > _reached(best) else best
+        complete = [(path.start, path.configurations) for path in sorted(found.complete, key=self._price)]
+        best = self._first_followed(complete, lambda motion: self._follow(local, motion, self.limits), tried)
         if best is None:
-            best = self._rescued(local, found) or self._no_route(found)
+            best = (
+                not_begun(self.poses[0]) if complete else self._rescued(local, found) or self._no_route(found)
+            )
         return replace(best, tried=tuple(tried))
+
+    def _first_followed(
+        self,
+        motions: Sequence[tuple[int, Array]],
+        follow_motion: Callable[[Array], FollowResult],
+        tried: list[str],
+    ) -> FollowResult | None:
+        """The first motion (start, configurations) that can be followed, or the one that gets furthest; None: none begins."""
+        best: FollowResult | None = None
+        left = VERIFIED
+        for start, motion in motions:
+            if self.begins is not None and not self.begins(motion[0]):
+                tried.append(f"start {start}: no way to it from where the robot stands was found")
+                continue
+            result = follow_motion(motion)
+            if result.followed:
+                return result
+            tried.append(f"start {start}: {result.failure.words if result.failure else ''}")
+            best = result if best is None or result.fraction > best.fraction else best
+            left -= 1
+            if left == 0:
+                break
+        return best
 
     def _price(self, path: Route) -> float:
         """A route's cost, and a share of the way to its start (radians, the joint that moves most)."""
@@ -212,25 +237,18 @@ class _Search:
         drawn = replace(search, samples=samples).run(starts)
         return drawn if drawn.complete or _far(drawn) >= _far(forward) else forward
 
-    def _nearby(self) -> list[Array]:
-        """Configurations (n,) of the first pose, or of those that its tolerance allows, found from `near`."""
-        if self.near is None:
-            return []
-        poses = starting_poses(self.poses[0], self.tolerance)
-        share = Budget(LAYER_BUDGET.cpu_s / len(poses))
-        asked = [replace(self.problem, target=pose, q_reference=self.near) for pose in poses]
-        return [q for problem in asked for q in collect_solutions(problem, 1, self.seed, share)]
+    def _starts(self) -> list[Array]:
+        """Configurations (n,) of the first pose: near where the robot stands, and sampled."""
+        first = replace(self.problem, target=self.poses[0])
+        found = self._sampled(0, STARTS, START_BUDGET)
+        if self.near is not None:
+            found = [*nearby(first, self.tolerance, self.near, self.seed, LAYER_BUDGET), *found]
+        return with_turns(self.template.robot, found, self.near)
 
     def _sampled(self, row: int, count: int, budget: Budget) -> list[Array]:
         """Configurations (n,) of one pose of the path, or of poses that its tolerance allows."""
-        poses = starting_poses(self.poses[row], self.tolerance)
-        found: list[Array] = []
-        for k, pose in enumerate(poses):
-            share = Budget(budget.cpu_s / len(poses))
-            few = -(-count // len(poses))
-            results = solutions(replace(self.problem, target=pose), few, share, self.seed + k)
-            found += [np.array(result.q) for result in results if result.q is not None]
-        return found
+        problem = replace(self.problem, target=self.poses[row])
+        return sampled(problem, self.tolerance, count, self.seed, budget)
 
     def _follow(self, local: LocalSolver, motion: Array, limits: FollowLimits) -> FollowResult:
         """Step by step along a motion (k, n) through the first k poses, and on from there."""
@@ -256,16 +274,6 @@ class _Search:
         result = self._follow(local, furthest.motion, replace(self.limits, max_halvings=1))
         return result if result.followed else None
 
-    def _no_start(self, result: IKResult) -> FollowResult:
-        """No configuration of the first pose is known."""
-        status = {
-            Status.UNREACHABLE: FollowStatus.UNREACHABLE,
-            Status.BLOCKED: FollowStatus.BLOCKED,
-            Status.BLOCKED_IN_MODEL: FollowStatus.BLOCKED_IN_MODEL,
-        }.get(result.status, FollowStatus.NOT_FOUND)
-        failure = FollowFailure(0, 0.0, self.poses[0], result.status.sentence, result)
-        return FollowResult(status, None, failure, None, 1)
-
     def _no_route(self, found: Routes) -> FollowResult:
         """No route: the pose that no start gets to, and whether that pose itself is the reason."""
         end = found.furthest
@@ -285,10 +293,6 @@ class _Search:
     def _words(self, end: DeadEnd) -> str:
         x, y, z = self.poses[end.waypoint].position
         return f"start {end.start}: ends before pose {end.waypoint} ({x:.3f}, {y:.3f}, {z:.3f}): {end.why}"
-
-
-def _reached(result: FollowResult) -> float:
-    return 1.0 if result.failure is None else result.failure.fraction
 
 
 def _far(routes: Routes) -> int:

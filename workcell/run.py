@@ -89,7 +89,7 @@ def run_task(
     compiled_before = compile_seconds()
     announce_compiling(lambda: say("compiling kernels: once on this machine, up to a minute"))
     try:
-        with recording:
+        with recording, recording.queries("task script"):
             recording.log_scene(scene)
             try:
                 run_script(script, job)

@@ -12,6 +12,7 @@ from workcell.ik.problem import IKProblem
 from workcell.ik.result import IKResult, Status
 from workcell.ik.stages import SolverStage, report
 from workcell.ik.verify import Verifier
+from workcell.jit import compile_seconds
 from workcell.motion.local import Aside, LocalTracker
 from workcell.motion.toolpath import PathTolerance
 from workcell.pose import Array, Pose
@@ -57,7 +58,7 @@ class LocalSolver:
 
     def __call__(self, problem: IKProblem) -> IKResult:
         """A verified configuration within `max_step` of the reference, or what the rescue says."""
-        begun = time.process_time()
+        begun, compiled = time.process_time(), compile_seconds()
         reference = problem.q_reference
         proposed = self.proposals.get(id(problem.target))
         name = "proposed step"
@@ -70,6 +71,8 @@ class LocalSolver:
         if result is not None:
             self.local += 1
             spent = time.process_time() - begun
+            if compile_seconds() > compiled:
+                name = f"{name}, with compiling"
             stage = SolverStage(name, spent, note="accepted", solver="local")
             result = replace(result, stats={"cpu_s": spent}, stages=(stage,))
             report(problem, result)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -13,9 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from workcell.errors import InputError, OutputError
+from workcell.ik.problem import IKProblem
+from workcell.ik.result import IKResult
+from workcell.ik.stages import observed
 from workcell.pose import Array
 from workcell.record.rrd import writing
 from workcell.record.scene_log import SceneLog
+from workcell.record.solver_log import SolverLog
 from workcell.record.summary import to_json
 
 if TYPE_CHECKING:
@@ -60,6 +65,7 @@ class Recording(SceneLog):
         with writing(self.partial_path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
         super().__init__(self.partial_path, task, seed)
+        self._solvers = SolverLog(self._writer)
         self._period = 1.0 / frame_rate
         self._buffer = _Buffer()
         self._next_frame, self._last_time = -np.inf, 0.0
@@ -131,6 +137,26 @@ class Recording(SceneLog):
         self._writer.log_text("log", time, self._step(time), text, level)
         self._writer.flush()
 
+    @contextmanager
+    def queries(self, what: str) -> Iterator[None]:
+        """Records every query of inverse kinematics that is answered meanwhile in this thread, with its solver's stages.
+
+        Where these are nested, a query counts for the innermost one. `what` says what is asked.
+        """
+
+        def answered(problem: IKProblem, result: IKResult) -> None:
+            cuboids = None
+            if result.cuboids is not None and problem.free_space is not None:
+                numbers = np.append(self._cuboids.add_free_space(problem.free_space), -1)
+                cuboids = numbers[result.cuboids]
+            when = (self._last_time, self._step(self._last_time))
+            self._solvers.add(what, problem, result, when, cuboids)
+            if clock.monotonic() - self._flushed_at >= _CHUNK_WALL_S:
+                self.flush()
+
+        with observed(answered):
+            yield
+
     def set_result(self, result: Mapping[str, Any]) -> None:
         """The run's summary: kept in the recording, so that a review needs no other file."""
         self._writer.log_document("result", to_json(result))
@@ -151,6 +177,7 @@ class Recording(SceneLog):
         for name, pieces in buffer.metrics.items():
             times = np.concatenate([piece[0] for piece in pieces])
             self._send_metric(name, times, np.concatenate([piece[1] for piece in pieces]))
+        self._solvers.send()
         super().flush()
         self._flushed_at = clock.monotonic()
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from workcell.errors import OutputError
 from workcell.pose import Array, Pose, to_xyzw
+from workcell.record.archetypes import archetype_of, colour_bytes
 from workcell.record.frames import STORE_INFO, split_frames
 from workcell.record.shapes import Shape
 
@@ -22,7 +23,7 @@ _PATIENCE_S = 15.0
 """Rerun's writer thread may die of a full disk without telling: then waiting for it longer is in vain."""
 
 APPLICATION = "workcell"
-TIME, STEP = "sim_time", "step"
+TIME, STEP, SOLVER_STEP = "sim_time", "step", "solver_step"
 
 
 def rerun() -> Any:
@@ -153,7 +154,7 @@ class RrdWriter:
     def log_shape(self, path: str, shape: Shape, carrier: str | None = None) -> None:
         """A solid, with its place in the parent entity or in `carrier`."""
         self.log_pose(path, shape.pose, carrier)
-        self.log(path, _archetype(self._rr, shape))
+        self.log(path, archetype_of(self._rr, shape))
 
     def log_spheres(
         self, path: str, centres: Array, radii: Array, rgba: Sequence[float], carrier: str
@@ -235,42 +236,45 @@ class RrdWriter:
         self._stream.log(path, self._rr.TextLog(text, level=level))
         self._stream.reset_time()
 
+    def log_box_style(self, path: str, rgba: Sequence[float], radius: float) -> None:
+        """Colour of the boxes that `send_boxes` draws, and thickness of their edges."""
+        fill = self._rr.components.FillMode.TransparentFillMajorWireframe
+        style = self._rr.Boxes3D.from_fields(colors=[colour_bytes(rgba)], radii=[radius], fill_mode=fill)
+        self.log(path, style)
+
+    def send_boxes(
+        self, path: str, indexes: Indexes, boxes: Sequence[tuple[Array, Array, list[str]]]
+    ) -> None:
+        """For each time some boxes, in place of those before: lower corners (k, 3), upper corners (k, 3), k labels."""
+        lower, upper = (np.concatenate([row[side] for row in boxes]).reshape(-1, 3) for side in (0, 1))
+        labels = [label for row in boxes for label in row[2]]
+        columns = self._rr.Boxes3D.columns(
+            half_sizes=(upper - lower) / 2, centers=(upper + lower) / 2, labels=labels
+        )
+        self._send(path, indexes, columns.partition([len(row[2]) for row in boxes]))
+
+    def send_numbers(self, path: str, indexes: Indexes, **values: Sequence[int]) -> None:
+        """Numbers over time that no view draws, by name."""
+        self._send(path, indexes, self._rr.AnyValues.columns(**values))
+
+    def send_texts(self, path: str, indexes: Indexes, texts: Sequence[str], level: str) -> None:
+        """Lines of a log."""
+        self._send(path, indexes, self._rr.TextLog.columns(text=texts, level=[level] * len(texts)))
+
+    def send_documents(self, path: str, indexes: Indexes, texts: Sequence[str]) -> None:
+        """JSON documents, each at its time."""
+        kinds = ["application/json"] * len(texts)
+        self._send(path, indexes, self._rr.TextDocument.columns(text=texts, media_type=kinds))
+
     def _send(self, path: str, indexes: Indexes, columns: Any) -> None:
-        times, steps = indexes
         rr = self._rr
-        index = [rr.TimeColumn(TIME, duration=times), rr.TimeColumn(STEP, sequence=steps)]
+        index = [rr.TimeColumn(TIME, duration=indexes[0]), rr.TimeColumn(STEP, sequence=indexes[1])]
+        if len(indexes) == 3:
+            index.append(rr.TimeColumn(SOLVER_STEP, sequence=indexes[2]))
         self._stream.send_columns(path, indexes=index, columns=columns)
 
 
-Indexes = tuple[Array, NDArray[np.int64]]
-"""Simulated seconds (T,) and step numbers (T,) of rows."""
+Indexes = tuple[Array, NDArray[np.int64]] | tuple[Array, NDArray[np.int64], NDArray[np.int64]]
+"""Simulated seconds (T,) and step numbers (T,) of rows, and for what solvers tell the numbers (T,) of their stages."""
 
 GOAL_RGBA = (0.95, 0.35, 0.10, 1.0)
-
-
-def colour_bytes(rgba: Sequence[float] | Array) -> list[int]:
-    """Four integers 0..255 of a colour in [0, 1]."""
-    return [round(255 * float(value)) for value in rgba]
-
-
-def _archetype(rr: Any, shape: Shape) -> Any:
-    colour, solid = colour_bytes(shape.rgba), rr.components.FillMode.Solid
-    if shape.kind == "mesh":
-        return rr.Mesh3D(
-            vertex_positions=shape.vertices,
-            vertex_normals=shape.normals,
-            triangle_indices=shape.faces,
-            albedo_factor=colour,
-        )
-    if shape.kind == "capsule":
-        radius, half = float(shape.size[0]), float(shape.size[1])
-        # Rerun's capsule starts at the origin and goes up; MuJoCo's is centred there.
-        return rr.Capsules3D(
-            lengths=[2 * half], radii=[radius], translations=[[0, 0, -half]], colors=[colour], fill_mode=solid
-        )
-    if shape.kind == "cylinder":
-        lengths, radii = [2 * float(shape.size[1])], [float(shape.size[0])]
-        return rr.Cylinders3D(lengths=lengths, radii=radii, colors=[colour], fill_mode=solid)
-    if shape.kind == "ellipsoid":
-        return rr.Ellipsoids3D(half_sizes=[shape.size], colors=[colour], fill_mode=solid)
-    return rr.Boxes3D(half_sizes=[shape.size], colors=[colour], fill_mode=solid)

@@ -17,8 +17,9 @@ from workcell.model.scene import Goal, Scene, SceneRobot
 from workcell.pose import Array, Pose
 from workcell.record import scenery
 from workcell.record.blueprint import make_blueprint
+from workcell.record.cuboid_use import CuboidUse
 from workcell.record.rrd import RrdWriter, entity
-from workcell.record.shapes import piece_shape, polytope_shape
+from workcell.record.shapes import piece_shape
 from workcell.record.summary import to_json
 from workcell.record.tracks import BodyPoses, Track
 
@@ -37,7 +38,6 @@ _NEAREST_RGBA = (0.90, 0.10, 0.15, 1.0)
 _OBSTACLE_RGBA = (0.36, 0.42, 0.48, 0.25)
 _BLAME_RGBA = (0.90, 0.10, 0.10, 0.55)
 _CLOSEST_RGBA = (0.95, 0.60, 0.10, 0.35)
-_FREE_RGBA = (0.25, 0.75, 0.35, 0.12)
 
 
 class SceneLog:
@@ -62,6 +62,8 @@ class SceneLog:
         self._poses: BodyPoses | None = None
         self._timestep = 0.002
         self._trace_ends: dict[str, Array] = {}
+        self._cuboids = CuboidUse(self._writer)
+        self._here: tuple[Array, Array] | None = None
 
     def flush(self) -> None:
         """Writes what has been logged so far."""
@@ -150,15 +152,18 @@ class SceneLog:
             mine = cover.link == link
             centres = T_body_link.apply(cover.centre[mine])
             self._writer.log_spheres(path, centres, cover.radius[mine], _SPHERE_RGBA, self._carriers[body])
+        self._cuboids.add_cover(robot, cover)
+        self._locate()
         self.flush()
 
     def log_free_space(self, free_space: FreeSpace) -> None:
-        """The cuboids, each with its number, and then the polytopes."""
-        for index, (lower, upper) in enumerate(zip(free_space.lower, free_space.upper, strict=True)):
-            self._writer.log_box(f"world/free_space/{index}", lower, upper, _FREE_RGBA)
-        for index, polytope in enumerate(free_space.polytopes, start=len(free_space)):
-            shape = polytope_shape(polytope, np.array(_FREE_RGBA))
-            self._writer.log_shape(f"world/free_space/{index}", shape)
+        """The cuboids, each with its number, and then the polytopes.
+
+        Another free space adds to the first: its cuboids get the numbers that follow, those already there keep theirs. With a
+        cover (`log_cover`), the recording shows from then on which cuboids the links are inside.
+        """
+        self._cuboids.add_free_space(free_space)
+        self._locate()
         self.flush()
 
     def log_obstacle_cover(self, cover: SphereCover) -> None:
@@ -215,6 +220,14 @@ class SceneLog:
                 self._send_trace(path.removesuffix("tool") + "trace", indexes, where)
         for name, robot in self._robots.items():
             self._send_metric(f"{JOINT_POSITIONS}/{entity(name)}", times, qpos[:, robot.qpos_addresses])
+        self._here = times[-1:], qpos[-1:]
+        self._cuboids.send(indexes, qpos)
+
+    def _locate(self) -> None:
+        """Write which cuboids the robots are in where they were last: what has become known since then may change it."""
+        if self._here is not None:
+            times, qpos = self._here
+            self._cuboids.send((times, self._step(times)), qpos)
 
     def _send_trace(self, path: str, indexes: tuple[Array, Any], where: Array) -> None:
         """The stretch of the tool's way in each frame, joined to the frame before."""

@@ -12,7 +12,6 @@ from workcell.ik.problem import IKProblem
 from workcell.ik.result import IKResult, Status
 from workcell.ik.stages import SolverStage, report
 from workcell.ik.verify import Verifier
-from workcell.jit import compile_seconds
 from workcell.motion.local import Aside, LocalTracker
 from workcell.motion.toolpath import PathTolerance
 from workcell.pose import Array, Pose
@@ -58,6 +57,8 @@ class LocalSolver:
 
     def __call__(self, problem: IKProblem) -> IKResult:
         """A verified configuration within `max_step` of the reference, or what the rescue says."""
+        from workcell.jit import compile_seconds
+
         begun, compiled = time.process_time(), compile_seconds()
         reference = problem.q_reference
         proposed = self.proposals.get(id(problem.target))

@@ -10,9 +10,9 @@ import sys
 
 def branch() -> None:
     """The solver and the checker of branch and bound."""
-    from workcell.ik.branch import prepare
+    from workcell.ik.branch import prepare_kernels
 
-    prepare()
+    prepare_kernels()
 
 
 def sampling() -> None:
@@ -29,7 +29,7 @@ def sampling() -> None:
     hjcdik.prepare(IKProblem(arm, target, (wall,), beads(arm)))
     hjcdik.prepare(IKProblem(arm, target))
     ClearanceEngine(arm, beads(arm), (wall,)).clearance_and_gradient(arm.home)
-    search.prepare()
+    search.prepare_kernels()
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from workcell.ahead import SAMPLING, compile_ahead
 from workcell.cli import exit_codes
 from workcell.cli.output import print_json, print_table, progress_bar
 
@@ -15,6 +16,7 @@ def plan(options: argparse.Namespace) -> int:
     from workcell.bench.problems import load_problem_set
     from workcell.ik.problem import Budget
 
+    compile_ahead(SAMPLING)
     problem_set = load_problem_set(Path(options.set))
     out = Path(options.out) if options.out else None
     with progress_bar(f"plan {Path(options.set).name}", len(problem_set.problems)) as bar:

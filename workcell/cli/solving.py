@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from workcell.ahead import DECIDING, compile_ahead
 from workcell.cli import exit_codes
 from workcell.cli.output import print_json, print_table, progress_bar
 from workcell.errors import InputError
@@ -26,6 +27,7 @@ def ik(options: argparse.Namespace) -> int:
     from workcell.ik.why_not import explain
 
     check_solver_name(options.solver)
+    _compile_ahead(options.solver)
     target = Pose(np.array(options.pose[:3]), np.array(options.pose[3:]))
     problem = replace(_world(options).problem(target), goal=options.goal)
     result = solve(problem, solver=options.solver, budget=Budget(options.budget_s), seed=options.seed)
@@ -41,6 +43,14 @@ def ik(options: argparse.Namespace) -> int:
     if result.solved:
         return exit_codes.DONE
     return exit_codes.IMPOSSIBLE if result.status.is_impossible else exit_codes.NOT_ACHIEVED
+
+
+def _compile_ahead(solver: str) -> None:
+    """The portfolio samples first, and decides by branch and bound what that leaves."""
+    from workcell.ik.portfolio import AUTO
+
+    if solver == AUTO:
+        compile_ahead(DECIDING)
 
 
 def _world(options: argparse.Namespace) -> PlanningWorld:
@@ -113,6 +123,7 @@ def solve(options: argparse.Namespace) -> int:
     from workcell.ik.solve import check_solver_name
 
     check_solver_name(options.solver)
+    _compile_ahead(options.solver)
     problem_set = load_problem_set(Path(options.set))
     out = Path(options.out) if options.out else None
     with progress_bar(f"solve {Path(options.set).name}", len(problem_set.problems)) as bar:

@@ -12,6 +12,7 @@ import time
 
 import numpy as np
 
+from workcell.ahead import DECIDING, wait_for
 from workcell.errors import InputError
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.branch_check import seal, statement
@@ -24,9 +25,19 @@ from workcell.ik.verify import Verifier
 from workcell.pose import Array, Pose
 
 
+def kernels_ready() -> bool:
+    """Whether solver and checker were compiled before, on this machine."""
+    from workcell.ik.branch_kernels import search
+    from workcell.ik.branch_proof.walk import walk
+    from workcell.jit import is_compiled
+
+    return is_compiled(search.run) and is_compiled(walk)
+
+
 @functools.cache
-def prepare() -> None:
+def prepare_kernels() -> None:
     """Compile solver and checker, or load them from the cache, by deciding and re-checking one small problem."""
+    wait_for(DECIDING)
     from workcell.ik.branch_check import check_branch
     from workcell.model.robot import serial_robot
 

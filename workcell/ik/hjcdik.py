@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from workcell.ahead import SAMPLING, wait_for
 from workcell.ik.hjcd_batch import BatchSolution, smallest_gaps, solve_batch, solve_two_phase
 from workcell.ik.packing import (
     empty_world,
@@ -20,6 +21,7 @@ from workcell.ik.packing import (
     kernels,
     narrowed_arm,
     new_memory,
+    one_joint,
     pack_world,
     random_state,
     shrunk_world,
@@ -41,7 +43,6 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from workcell.geometry.kernels.chain import Arm
     from workcell.ik.kernels.options import World
     from workcell.ik.kernels.search import Memory
 
@@ -70,20 +71,28 @@ def prepare(problem: IKProblem) -> None:
 @functools.cache
 def _prepare_free() -> None:
     q, cost, first = np.zeros((1, 1)), np.zeros(1), np.zeros((0, 1))
-    kernels().solve_targets(_one_joint(), np.zeros((0, 7)), first, ACCURACY, 0, random_state(0), q, cost)
+    kernels().solve_targets(one_joint(), np.zeros((0, 7)), first, ACCURACY, 0, random_state(0), q, cost)
+
+
+def kernels_ready() -> bool:
+    """Whether sampling among obstacles was compiled before, on this machine."""
+    from workcell.jit import is_compiled
+
+    return is_compiled(kernels().search)
+
+
+def prepare_kernels() -> None:
+    """Compile what samples among obstacles, or load it from the cache."""
+    _prepare_search(refinement=False)
 
 
 @functools.cache
 def _prepare_search(refinement: bool) -> None:
-    arm, world, q, first = _one_joint(), empty_world(1), np.zeros(1), np.zeros((0, 1))
+    wait_for(SAMPLING)
+    arm, world, q, first = one_joint(), empty_world(1), np.zeros(1), np.zeros((0, 1))
     kernels().search(arm, world, np.zeros(7), first, ACCURACY, ACCURACY, 0, new_memory(1, 0), q)
     if refinement:
         refine_packed(arm, world, np.zeros(7), first, ACCURACY, q)
-
-
-def _one_joint() -> Arm:
-    arm: Arm = kernels().Arm(np.zeros((3, 13)), np.zeros((3, 1)))
-    return arm
 
 
 def _searches(problem: IKProblem) -> bool:

@@ -26,6 +26,12 @@ def kernels() -> Any:
     return importlib.import_module("workcell.ik.kernels.entries")
 
 
+def one_joint() -> Arm:
+    """An arm of one joint, for calls that only compile."""
+    arm: Arm = kernels().Arm(np.zeros((3, 13)), np.zeros((3, 1)))
+    return arm
+
+
 def narrowed_arm(problem: IKProblem) -> Arm:
     """The chain of a problem, its limits narrowed by `max_step` around `q_reference`."""
     arm = pack_arm(problem.robot)

@@ -66,7 +66,7 @@ def _prepare_elementary(problem: IKProblem) -> None:
 def _prepare_branch(problem: IKProblem) -> None:
     from workcell.ik import branch
 
-    branch.prepare()
+    branch.prepare_kernels()
 
 
 _PREPARE: dict[str, Callable[[IKProblem], None]] = {

@@ -16,10 +16,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from workcell.ahead import TRACKING, wait_for
 from workcell.geometry.packing import pack_arm
 from workcell.geometry.self_collision import self_collision_pairs
 from workcell.geometry.types import SphereCover
-from workcell.ik.packing import pack_world
+from workcell.ik.packing import empty_world, one_joint, pack_world
 from workcell.ik.problem import IKProblem
 from workcell.model.contact import CollisionModel
 from workcell.motion.toolpath import PathTolerance
@@ -50,6 +51,26 @@ _pairs, _bare_covers = ByIdentity(), ByIdentity()
 def _kernels() -> Any:
     """Compiled kernels, imported on first use: numba takes half a second."""
     return importlib.import_module("workcell.motion.kernels.track")
+
+
+def kernels_ready() -> bool:
+    """Whether tracking was compiled before, on this machine."""
+    from workcell.jit import is_compiled
+
+    return is_compiled(_kernels().track)
+
+
+@functools.cache
+def prepare_kernels() -> None:
+    """Compile what tracks, or load it from the cache."""
+    wait_for(TRACKING)
+    kernels, none = _kernels(), np.zeros((0, 12))
+    beside = kernels.Aside(np.zeros(1), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    arm, box, step = one_joint(), np.zeros(7), np.ones(1)
+    kernels.track(
+        arm, empty_world(1), none, box, step, ACCURACY, beside, step, np.zeros((0, 1)), np.zeros((0, 3))
+    )
+    kernels.volumes(arm, none, box, np.zeros((0, 1)), np.zeros(0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +135,7 @@ class LocalTracker:
         clearance: float = 0.0,
         aside: Aside | None = None,
     ) -> None:
+        prepare_kernels()
         self.template, self.tolerance, self.aside = template, tolerance or PathTolerance(), aside or Aside()
         robot = template.robot
         self._arm = pack_arm(robot)

@@ -20,7 +20,7 @@ from workcell.ik.solve import solve
 from workcell.ik.verify import Verifier
 from workcell.motion.body import BodyClearance, Upright, kernels, pack_body
 from workcell.motion.ends import checked_end
-from workcell.motion.search import Effort, prepare, search
+from workcell.motion.search import Effort, prepare_kernels, search
 from workcell.pose import Array, read_only
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def plan_to_pose(
         InputError: a start of the wrong size, not finite, outside its limits, in collision (which pair, how deep,
             and the nearest free configuration that was found), or tilted too far already.
     """
-    prepare()
+    prepare_kernels()
     prepare_goals(problem)
     return _Query(problem, q_start, budget or Budget(), seed, upright, effort or Effort()).run()
 

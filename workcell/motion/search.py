@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from workcell.ahead import PLANNING, wait_for
 from workcell.errors import InputError
 from workcell.ik.packing import random_state
 from workcell.motion.body import NO_CONE, kernels
@@ -21,6 +22,7 @@ from workcell.pose import Array
 
 if TYPE_CHECKING:
     from workcell.motion.kernels.body import Body
+    from workcell.motion.kernels.optimise import Costs
     from workcell.motion.kernels.tree import Trees
 
 CHUNK = 200
@@ -42,6 +44,8 @@ class Effort:
         looks: configurations to look at while the trees grow, about.
         cpu_s: CPU seconds to spend, at most; inf: only the iterations count, and the result depends on nothing else.
         shortcuts, pulls: of the path that was found (see `kernels.shorten`).
+        optimise_s: CPU seconds to spend on shorter paths once there is one (`workcell.motion.optimise`); 0: none.
+        optimise_iterations: samples to draw for that, at most; with `optimise_s` inf the result depends on nothing else.
     """
 
     step: float = 1.0
@@ -50,13 +54,19 @@ class Effort:
     cpu_s: float = float("inf")
     shortcuts: int = 40
     pulls: int = 4
+    optimise_s: float = 0.0
+    optimise_iterations: int = 100_000_000
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.step) and self.step > 0 and self.cpu_s >= 0):
             raise InputError(
                 f"a search with steps of {self.step} rad within {self.cpu_s} s makes no sense", where="effort"
             )
-        if min(self.iterations, self.looks, self.shortcuts, self.pulls) < 0:
+        if not self.optimise_s >= 0:
+            raise InputError(
+                f"{self.optimise_s} s can't be spent on shorter paths", where="effort", remedy="0 or more"
+            )
+        if min(self.iterations, self.looks, self.shortcuts, self.pulls, self.optimise_iterations) < 0:
             raise InputError("the counts of a search are not negative", where="effort")
 
 
@@ -78,14 +88,28 @@ class Found:
     looks: int
 
 
-@functools.cache
-def prepare() -> None:
-    """Compile (or load from the cache) what the search calls, so that the first query is a quick one."""
-    entries = kernels()
-    zero = np.zeros((1, 1))
+def kernels_ready() -> bool:
+    """Whether the search was compiled before, on this machine."""
+    from workcell.jit import is_compiled
+
+    return all(is_compiled(kernel) for kernel in (kernels().grow, kernels().shorten))
+
+
+def bare_body() -> Body:
+    """One joint with nothing on it, for compiling."""
     empty = np.zeros((0, 6)), np.zeros((2, 6)), np.zeros((0, 19)), np.zeros((0, 13))
     alone = np.zeros((0, 2), dtype=np.int64), np.zeros((0, 0), dtype=np.uint8)
-    body = entries.Body(np.zeros((3, 13)), np.zeros((3, 1)), *empty, np.zeros((2, 1)), *alone, NO_CONE, 0.0)
+    body: Body = kernels().Body(
+        np.zeros((3, 13)), np.zeros((3, 1)), *empty, np.zeros((2, 1)), *alone, NO_CONE, 0.0
+    )
+    return body
+
+
+@functools.cache
+def prepare_kernels() -> None:
+    """Compile (or load from the cache) what the search calls, so that the first query is a quick one."""
+    wait_for(PLANNING)
+    entries, body, zero = kernels(), bare_body(), np.zeros((1, 1))
     entries.prove_lines(body, np.zeros((2, 1)), 0.5, 1e-6, 10, np.zeros(7))
     entries.gaps(body, zero, 1.0, np.zeros((1, 3)))
     trees = _new_trees(zero[0], zero, 0, 2)
@@ -101,22 +125,10 @@ def search(body: Body, start: Array, goals: ArrayLike, effort: Effort | None = N
     Raises:
         InputError: start or goals of the wrong shape, or not finite.
     """
-    prepare()
+    prepare_kernels()
     effort, entries = effort or Effort(), kernels()
     deadline = time.process_time() + effort.cpu_s
-    goals = np.ascontiguousarray(goals, dtype=float)
-    start = np.ascontiguousarray(start, dtype=float)
-    n = body.bounds.shape[1]
-    if (
-        start.shape != (n,)
-        or goals.shape[1:] != (n,)
-        or not (np.isfinite(start).all() and np.isfinite(goals).all())
-    ):
-        raise InputError(
-            f"a start of shape {start.shape} and goals of shape {goals.shape}, or not finite",
-            where="search",
-            remedy=f"({n},) and (k, {n})",
-        )
+    start, goals = checked_query(body, start, goals)
     direct, tried, looks = _straight(body, start, goals)
     if direct >= 0:
         return Found(np.stack([start, goals[direct]]), direct, 0, tried, looks)
@@ -137,9 +149,31 @@ def search(body: Body, start: Array, goals: ArrayLike, effort: Effort | None = N
     lines, looked = tried + int(trees.tally[entries.EDGES]), looks + int(trees.tally[entries.LOOKS])
     if status != entries.JOINED:
         return Found(None, -1, done, lines, looked)
-    path, goal = _branches(trees, meeting)
+    path, goal = branches(trees, meeting)
     path, more = shorten(body, path, effort, seed)
     return Found(path, goal, done, lines + int(more[0]), looked + int(more[1]))
+
+
+def checked_query(body: Body, start: ArrayLike, goals: ArrayLike) -> tuple[Array, Array]:
+    """Start (n,) and goals (k, n) as the kernels take them.
+
+    Raises:
+        InputError: of the wrong shape, or not finite.
+    """
+    goals = np.ascontiguousarray(goals, dtype=float)
+    start = np.ascontiguousarray(start, dtype=float)
+    n = body.bounds.shape[1]
+    if (
+        start.shape != (n,)
+        or goals.shape[1:] != (n,)
+        or not (np.isfinite(start).all() and np.isfinite(goals).all())
+    ):
+        raise InputError(
+            f"a start of shape {start.shape} and goals of shape {goals.shape}, or not finite",
+            where="search",
+            remedy=f"({n},) and (k, {n})",
+        )
+    return start, goals
 
 
 def _straight(body: Body, start: Array, goals: Array) -> tuple[int, int, int]:
@@ -200,7 +234,7 @@ def _roomier(trees: Trees) -> Trees:
     return trees._replace(nodes=nodes, parents=parents, radius=radius)
 
 
-def _branches(trees: Trees, meeting: NDArray[np.int64]) -> tuple[Array, int]:
+def branches(trees: Trees | Costs, meeting: NDArray[np.int64]) -> tuple[Array, int]:
     """The corners (k, n) from the start over the meeting point to a goal, and that goal's row."""
     rows: list[list[int]] = []
     for side in range(2):

@@ -16,12 +16,12 @@ def branch() -> None:
 
 
 def sampling() -> None:
-    """Clearances, sampling with and without obstacles, and planning."""
+    """Clearances, sampling with and without obstacles, tracking and planning."""
     from tests.ik.arms import beads, box, planar
     from workcell.geometry.engine import ClearanceEngine
     from workcell.ik import hjcdik, screen
     from workcell.ik.problem import IKProblem
-    from workcell.motion import search
+    from workcell.motion import local, search
 
     arm = planar()
     target, wall = arm.fk(arm.home), box("wall", (2.0, 0.0, 0.0), (0.1, 0.1, 0.1))
@@ -29,6 +29,7 @@ def sampling() -> None:
     hjcdik.prepare(IKProblem(arm, target, (wall,), beads(arm)))
     hjcdik.prepare(IKProblem(arm, target))
     ClearanceEngine(arm, beads(arm), (wall,)).clearance_and_gradient(arm.home)
+    local.prepare_kernels()
     search.prepare_kernels()
 
 

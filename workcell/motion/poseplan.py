@@ -12,24 +12,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from workcell.errors import InputError
-from workcell.ik.hjcdik import collect_solutions
 from workcell.ik.hjcdik import prepare as prepare_goals
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import IKResult, Status
 from workcell.ik.solve import solve
-from workcell.ik.verify import Verifier
 from workcell.motion.body import BodyClearance, Upright, kernels, pack_body
 from workcell.motion.ends import checked_end
-from workcell.motion.search import Effort, prepare_kernels, search
+from workcell.motion.goals import GOALS, ROOM, Goals
+from workcell.motion.optimise import optimise, path_length
+from workcell.motion.search import Effort, Found, prepare_kernels, search
 from workcell.pose import Array, read_only
 
 if TYPE_CHECKING:
     from workcell.motion.kernels.body import Body
 
-ROOM = 5e-4
-"""Metres that a path keeps clear where its ends do: what the proofs, ours and others', are easy with."""
-GOALS = 6
-"""Goal configurations of the first round; every further round has twice as many."""
 FIRST_ITERATIONS, FIRST_LOOKS = 200_000, 30_000
 """Samples drawn and configurations looked at in the first round, at most: 0.1 s or so. Every further round has twice as
 many. Counts and not times, so that a slower machine finds the same path."""
@@ -37,6 +33,10 @@ SAMPLING = 0.1
 """CPU seconds of the first round in which sampling may look for goals, before the whole portfolio is asked; then doubled."""
 KEEP = 0.5
 """Share of the clearance that the final proof asks for as its margin."""
+OPTIMISED = 500
+"""Samples of the first round of optimising; every further round has twice as many, and knows more goals."""
+_MOST_GOALS = 48
+"""Further goals of one round of optimising."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,10 @@ class PosePlan:
         margin: metres of clearance that were proved; nan without a path.
         reason: what stood in the way, in words; empty when solved.
         ik: the last answer of inverse kinematics, where it has none or a proof that there is none.
-        stats: CPU and wall seconds, samples drawn, lines tried, configurations looked at, goals.
+        stats: CPU and wall seconds, samples drawn, lines tried, configurations looked at, goals; of a path its length
+            in radians (`length`), and, where it was optimised, the length before (`first_length`), the CPU seconds before
+            (`first_cpu_s`), the length of the straight line to the nearest goal known (`lower_bound`), which no path to
+            these goals is shorter than, and the samples drawn (`optimise_iterations`).
     """
 
     status: Status
@@ -90,7 +93,8 @@ def plan_to_pose(
     Args:
         budget: CPU seconds of this process, for goals, search and proof; default 5 s.
         upright: keep an axis of the tool within a cone all along.
-        effort: how the search goes; its own time limit is overruled.
+        effort: how the search goes; its own time limit is overruled. Its `optimise_s` comes on top of the budget: the path
+            gets shorter and shorter, to ever more goal configurations.
 
     Raises:
         InputError: a start of the wrong size, not finite, outside its limits, in collision (which pair, how deep,
@@ -131,9 +135,7 @@ class _Query:
         self.clearance = BodyClearance(self.body, problem.cover, problem.obstacles)
         self.start, gap = checked_end(problem.robot, q_start, self.clearance, "start", upright=upright)
         self.floor = min(ROOM, 0.5 * gap)
-        self.upright, self.judge = upright, Verifier(problem)
-        self.goals: list[Array] = []
-        self.goal_seed = 1_000_000 * seed
+        self.goals = Goals(problem, self.clearance, upright, seed)
         self.spent = {"iterations": 0.0, "lines": 0.0, "looks": 0.0, "rounds": 0.0}
 
     def left(self) -> float:
@@ -143,17 +145,21 @@ class _Query:
     def run(self) -> PosePlan:
         reason = "the budget was spent"
         while self.left() > 0 or self.spent["rounds"] == 0:
-            self.more_goals()
-            if not self.goals:
+            # both kinds of goals may take that long
+            share = min(0.3 * max(self.left(), 0.0), SAMPLING * 2 ** self.spent["rounds"])
+            self.goals.sample(share)
+            if not self.goals.rows:
                 # sampling finds nothing: let the whole portfolio say whether the pose can be reached at all
                 result = solve(self.problem, budget=Budget(max(0.7 * self.left(), 0.0)), seed=self.seed)
-                if result.q is None or not self.allowed(result.q):
+                if result.q is None or not self.goals.allowed(result.q):
                     return self.without_goals(result)
-                self.add_goals([np.array(result.q)])
-            goals = np.stack(self.goals)
+                self.goals.add([np.array(result.q)])
+            goals = np.stack(self.goals.rows)
             scale = int(2 ** self.spent["rounds"])
             self.spent["rounds"] += 1
-            body = self.body._replace(floor=self.floor)
+            # the clearance to keep on the way is at most half of the ends'
+            floor = min(self.floor, 0.5 * max(self.goals.least, 0.0))
+            body = self.body._replace(floor=floor)
             effort = replace(
                 self.effort,
                 cpu_s=max(self.left(), 0.0),
@@ -166,47 +172,37 @@ class _Query:
             self.spent["looks"] += found.looks
             reason = f"none of {len(goals)} goal configurations was reached with {int(self.spent['lines'])} lines tried"
             if found.path is not None:
-                if self.judge(found.path[-1]).accepted:
-                    return self.proved(body, found.path)
-                del self.goals[found.goal]
+                if self.goals.reaches(found.path[-1]):
+                    return self.proved(body, self.optimised(body, found, found.path))
+                del self.goals.rows[found.goal]
         return self.result(Status.NOT_FOUND, None, reason=reason)
 
-    def more_goals(self) -> None:
-        """Goal configurations from as many fresh seeds as there are goals, those with room to spare if there are any.
-
-        The first solution of each seed is taken: later ones of a seed come along one self-motion curve and lie close
-        to each other, where all of them may be walled in.
-        """
-        allowed = self.problem.tolerances
-        roomy = replace(
-            self.problem, tolerances=replace(allowed, safety_margin=allowed.safety_margin + 2 * ROOM)
-        )
-        for question in (roomy, self.problem):
-            deadline = time.process_time() + min(
-                0.3 * max(self.left(), 0.0), SAMPLING * 2 ** self.spent["rounds"]
+    def optimised(self, body: Body, found: Found, path: Array) -> Array:
+        """The shortest path that the means for optimising lead to, in rounds with ever more goals and samples."""
+        left = self.effort.optimise_iterations
+        deadline = time.process_time() + self.effort.optimise_s
+        if self.effort.optimise_s == 0 or left == 0:
+            return path
+        self.spent["first_length"] = path_length(path)
+        self.spent["first_cpu_s"] = time.process_time() - self.cpu
+        self.spent["optimise_iterations"] = 0.0
+        goals, goal, rounds = [q for q in self.goals.rows if self.goals.reaches(q)], path[-1], 0
+        while left > 0 and time.process_time() < deadline:
+            count = min(GOALS * 2**rounds, _MOST_GOALS)
+            goals += self.goals.nearer(path, body.floor, count, deadline)
+            samples = min(OPTIMISED * 2**rounds, left)
+            rounds, left = rounds + 1, left - samples
+            effort = replace(
+                self.effort, optimise_s=max(deadline - time.process_time(), 0.0), optimise_iterations=samples
             )
-            for _ in range(max(GOALS, len(self.goals))):
-                share = deadline - time.process_time()
-                self.goal_seed += 1
-                rows = collect_solutions(question, 1, self.goal_seed, Budget(max(share, 0.0)))
-                self.add_goals([q for q in rows if self.allowed(q)])
-                if not rows:
-                    # what one seed does not find within its share the next would look for in vain
-                    break
-            if self.goals:
-                return
-
-    def add_goals(self, rows: list[Array]) -> None:
-        """More goal configurations; the clearance to keep on the way is at most half of theirs."""
-        if rows:
-            self.goals += rows
-            self.floor = min(self.floor, 0.5 * max(float(self.clearance.many(np.stack(rows)).min()), 0.0))
-
-    def allowed(self, q: Array) -> bool:
-        """Whether the tool's orientation limit holds at a goal."""
-        if self.upright is None:
-            return True
-        return self.upright.kept(self.problem.robot, q)
+            row = next(k for k, q in enumerate(goals) if np.array_equal(q, goal))
+            shorter = optimise(body, self.start, goals, path, row, effort, self.seed + rounds)
+            path, goal = shorter.paths[-1], goals[shorter.goals[-1]]
+            self.spent["optimise_iterations"] += shorter.iterations
+            self.spent["lines"] += shorter.lines
+            self.spent["looks"] += shorter.looks
+            self.spent["lower_bound"] = shorter.lower_bound
+        return path
 
     def without_goals(self, result: IKResult) -> PosePlan:
         """Nothing to plan to: what the portfolio says."""
@@ -240,7 +236,8 @@ class _Query:
     ) -> PosePlan:
         stats = {
             **self.spent,
-            "goals": float(len(self.goals)),
+            "goals": float(len(self.goals.rows)),
+            **({} if path is None else {"length": path_length(path)}),
             "cpu_s": time.process_time() - self.cpu,
             "time_s": time.perf_counter() - self.wall,
         }

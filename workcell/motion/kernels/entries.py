@@ -3,6 +3,7 @@
 from workcell.motion.kernels.body import Body
 from workcell.motion.kernels.curve import prove_curves
 from workcell.motion.kernels.line import BLOCKED, PROVED, SPENT, TIGHT, gaps, prove_lines
+from workcell.motion.kernels.optimise import Costs, improve
 from workcell.motion.kernels.shorten import shorten
 from workcell.motion.kernels.steps import CONE
 from workcell.motion.kernels.tree import (
@@ -33,9 +34,11 @@ __all__ = [
     "SPENT",
     "TIGHT",
     "Body",
+    "Costs",
     "Trees",
     "gaps",
     "grow",
+    "improve",
     "prove_curves",
     "prove_lines",
     "shorten",

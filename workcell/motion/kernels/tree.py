@@ -137,7 +137,7 @@ def towards(
         if math.sqrt(left) > distance - 0.1 * length:
             return 0.0
     tally[EDGES] += 1
-    samples = max(int(math.ceil(SAMPLES * share * distance / length)), 1)
+    samples = max(math.ceil(SAMPLES * share * distance / length), 1)
     free = free_samples(body, here, q, samples, work)
     tally[LOOKS] += min(free + 1, samples)
     if free == 0:

@@ -9,93 +9,20 @@ are known, the compiled `workcell.motion.search` comes first; this is what remai
 
 from __future__ import annotations
 
-import enum
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from workcell.errors import InputError
 from workcell.geometry.types import SphereCover
 from workcell.model.robot import Robot
 from workcell.motion.ends import checked_end
 from workcell.motion.path import Path
-from workcell.motion.proof import Checker, Proof, prove_path, prove_segment
+from workcell.motion.planresult import PlanResult, PlanSettings, PlanStatus
+from workcell.motion.proof import Checker, prove_path, prove_segment
 from workcell.pose import Array
 
-
-class PlanStatus(enum.Enum):
-    """How planning ended."""
-
-    PLANNED = "PLANNED"
-    NOT_FOUND = "NOT_FOUND"
-
-    @property
-    def sentence(self) -> str:
-        """The status in words, with its remedy."""
-        if self is PlanStatus.PLANNED:
-            return "A path was found and proved clear over its whole length."
-        return "The budget was spent without a clear path. Raise the iterations, lower the clearance, or try another seed."
-
-
-@dataclass(frozen=True, slots=True)
-class PlanSettings:
-    """How to search.
-
-    Attributes:
-        clearance: metres to keep along the path.
-        spare: clearance that samples keep on top of that (less where start or goal have less), for the proof to use.
-        step: largest joint step of one tree edge (L-infinity, radians).
-        resolution: joint step between the configurations of an edge that are looked at while the trees grow.
-        iterations: tree extensions to spend.
-        shortcuts: pairs of points that are tried for a shortcut.
-        attempts: searches, each with samples twice as dense as the one before.
-    """
-
-    clearance: float = 0.0
-    spare: float = 0.005
-    step: float = 0.3
-    resolution: float = 0.05
-    iterations: int = 3000
-    shortcuts: int = 60
-    attempts: int = 4
-
-    def __post_init__(self) -> None:
-        if not (self.step > 0 and self.resolution > 0 and self.iterations > 0):
-            raise InputError(
-                "step, resolution and iterations of a planner must be positive", where="settings"
-            )
-        if not (np.isfinite(self.clearance) and np.isfinite(self.spare) and self.spare >= 0):
-            raise InputError(
-                f"a clearance of {self.clearance} m with {self.spare} m to spare can't be kept",
-                where="settings",
-            )
-
-
-@dataclass(frozen=True, slots=True)
-class PlanResult:
-    """A proved path, or why there is none.
-
-    Attributes:
-        status: see `PlanStatus`.
-        path: proved clear; None when not found.
-        proof: of the path; None when not found.
-        detail: what stood in the way, in words; empty when planned.
-        iterations: tree extensions spent; 0 when the straight line was clear.
-        evaluations: collision queries spent.
-    """
-
-    status: PlanStatus
-    path: Path | None
-    proof: Proof | None
-    detail: str
-    iterations: int
-    evaluations: int
-
-    @property
-    def planned(self) -> bool:
-        """Whether there is a path."""
-        return self.status is PlanStatus.PLANNED
+__all__ = ["PlanResult", "PlanSettings", "PlanStatus", "connect", "plan"]
 
 
 def connect(

@@ -7,6 +7,7 @@ is a guess until it is proved. Where both fail the compiled model itself is sear
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -18,10 +19,12 @@ from workcell.errors import InputError
 from workcell.geometry.self_collision import self_collision_pairs
 from workcell.motion.body import BodyClearance, Upright, pack_body
 from workcell.motion.ends import checked_end
+from workcell.motion.optimise import optimise, path_length
 from workcell.motion.path import Path
-from workcell.motion.plan import PlanResult, PlanSettings, PlanStatus, connect, plan
+from workcell.motion.plan import connect, plan
+from workcell.motion.planresult import Optimised, PlanResult, PlanSettings, PlanStatus
 from workcell.motion.proof import prove_path
-from workcell.motion.search import Effort, search
+from workcell.motion.search import Effort, Found, search
 from workcell.motion.world import PlanningWorld
 from workcell.pose import Array
 
@@ -49,7 +52,7 @@ def plan_in_world(
 
     Args:
         world: what is known of the scene.
-        settings: clearance to keep, iterations, attempts.
+        settings: clearance to keep, iterations, attempts; with `optimise_s` the path gets shorter and shorter.
         upright: keep an axis of the tool within a cone all along.
 
     Raises:
@@ -57,36 +60,120 @@ def plan_in_world(
             nearest free configuration that was found) or tilted too far.
     """
     settings = settings or PlanSettings()
-    robot = world.robot.robot
-    start, _ = checked_end(robot, q_start, world.clearance, "q_start", upright=upright)
+    start, _ = checked_end(world.robot.robot, q_start, world.clearance, "q_start", upright=upright)
     goals = _clear_goals(world, np.atleast_2d(np.asarray(q_goals, dtype=float)), upright)
-    nearest = goals[int(np.argmin(np.abs(goals - start).max(axis=1)))]
-    iterations, evaluations = 0, 0
-    if upright is None:
-        straight = connect(robot, start, nearest, world.clearance, world.cover, clearance=settings.clearance)
-        if straight.planned:
-            return straight
-        evaluations = straight.evaluations
-    detail = "start or goals are not clear of obstacles in the model of spheres"
-    models = list(_models(world, start, goals, settings, upright))
-    for share in sorted({1, settings.attempts}):
-        for body, reachable in models:
-            effort = Effort(iterations=share * settings.iterations, step=0.5 if upright else 1.0)
-            found = search(body, start, reachable, effort, seed + share - 1)
-            iterations, evaluations = iterations + found.iterations, evaluations + found.looks
-            if found.path is None:
-                detail = f"the trees did not meet within {found.iterations} samples"
-                continue
-            path = Path(robot, found.path)
-            proof = prove_path(path, world.clearance, world.cover, floor=settings.clearance)
-            evaluations += proof.evaluations
-            if proof.proved:
-                return PlanResult(PlanStatus.PLANNED, path, proof, "", iterations, evaluations)
-            detail = proof.reason
-    if upright is not None:
-        return PlanResult(PlanStatus.NOT_FOUND, None, None, detail, iterations, evaluations)
-    slow = plan(robot, start, nearest, world.clearance, world.cover, settings=settings, seed=seed)
-    return replace(slow, iterations=slow.iterations + iterations, evaluations=slow.evaluations + evaluations)
+    query = _WorldQuery(world, start, goals, settings, upright, seed)
+    return query.straight() or query.searched() or query.slow()
+
+
+class _WorldQuery:
+    """One query: its attempts from the quickest to the slowest, and what they have cost so far."""
+
+    def __init__(
+        self,
+        world: PlanningWorld,
+        start: Array,
+        goals: Array,
+        settings: PlanSettings,
+        upright: Upright | None,
+        seed: int,
+    ) -> None:
+        self.world, self.robot, self.start, self.goals = world, world.robot.robot, start, goals
+        self.settings, self.upright, self.seed = settings, upright, seed
+        self.optimises = settings.optimise_s > 0 and settings.optimise_iterations > 0
+        order = 2 if self.optimises else np.inf
+        self.nearest = goals[int(np.argmin(np.linalg.norm(goals - start, order, axis=1)))]
+        self.least = float(np.linalg.norm(goals - start, axis=1).min())
+        self.iterations, self.evaluations = 0, 0
+        self.detail = "start or goals are not clear of obstacles in the model of spheres"
+
+    def straight(self) -> PlanResult | None:
+        """The line to the nearest goal, if the compiled model proves it. It leaves nothing to optimise."""
+        if self.upright is not None:
+            return None
+        clearance, cover = self.world.clearance, self.world.cover
+        found = connect(
+            self.robot, self.start, self.nearest, clearance, cover, clearance=self.settings.clearance
+        )
+        self.evaluations += found.evaluations
+        if not found.planned:
+            return None
+        if not self.optimises:
+            return found
+        return replace(found, optimised=Optimised(self.least, self.least, self.least, 0, 0.0))
+
+    def searched(self) -> PlanResult | None:
+        """A path among the spheres that the compiled model proves."""
+        models = list(_models(self.world, self.start, self.goals, self.settings, self.upright))
+        for share in sorted({1, self.settings.attempts}):
+            for body, reachable in models:
+                effort = Effort(
+                    iterations=share * self.settings.iterations,
+                    step=0.5 if self.upright else 1.0,
+                    optimise_s=self.settings.optimise_s,
+                    optimise_iterations=self.settings.optimise_iterations,
+                )
+                found = search(body, self.start, reachable, effort, self.seed + share - 1)
+                self.iterations, self.evaluations = (
+                    self.iterations + found.iterations,
+                    self.evaluations + found.looks,
+                )
+                if found.path is None:
+                    self.detail = f"the trees did not meet within {found.iterations} samples"
+                    continue
+                proved = self.proved(found.path)
+                if proved is not None:
+                    return (
+                        self.optimised(proved, body, reachable, found, effort) if self.optimises else proved
+                    )
+        if self.upright is None:
+            return None
+        return PlanResult(PlanStatus.NOT_FOUND, None, None, self.detail, self.iterations, self.evaluations)
+
+    def proved(self, corners: Array) -> PlanResult | None:
+        """A path, if the compiled model proves it."""
+        path = Path(self.robot, corners)
+        proof = prove_path(path, self.world.clearance, self.world.cover, floor=self.settings.clearance)
+        self.evaluations += proof.evaluations
+        if not proof.proved:
+            self.detail = proof.reason
+            return None
+        return PlanResult(PlanStatus.PLANNED, path, proof, "", self.iterations, self.evaluations)
+
+    def optimised(
+        self, first: PlanResult, body: Body, goals: Array, found: Found, effort: Effort
+    ) -> PlanResult:
+        """The shortest path among the spheres that the compiled model proves too; the first one, if no other."""
+        assert found.path is not None
+        began = time.process_time()
+        shorter = optimise(body, self.start, goals, found.path, found.goal, effort, self.seed)
+        self.evaluations += shorter.looks
+        best, corners = first, found.path
+        for points in shorter.paths[:0:-1]:
+            proved = self.proved(points)
+            if proved is not None:
+                best, corners = proved, points
+                break
+        spent = Optimised(
+            path_length(found.path),
+            path_length(corners),
+            self.least,
+            shorter.iterations,
+            time.process_time() - began,
+        )
+        return replace(best, evaluations=self.evaluations, optimised=spent)
+
+    def slow(self) -> PlanResult:
+        """The compiled model itself is searched, one configuration at a time."""
+        clearance, cover = self.world.clearance, self.world.cover
+        found = plan(
+            self.robot, self.start, self.nearest, clearance, cover, settings=self.settings, seed=self.seed
+        )
+        return replace(
+            found,
+            iterations=found.iterations + self.iterations,
+            evaluations=found.evaluations + self.evaluations,
+        )
 
 
 def _clear_goals(world: PlanningWorld, goals: Array, upright: Upright | None) -> Array:

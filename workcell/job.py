@@ -30,6 +30,7 @@ from workcell.motion.toolpath import PathTolerance
 from workcell.motion.world import PlanningWorld
 from workcell.motion.worldplan import plan_in_world
 from workcell.pose import Array, Pose
+from workcell.record.asking import asks
 from workcell.record.recording import Recording
 from workcell.record.summary import write_json_atomic
 from workcell.script import TaskFailedError
@@ -91,6 +92,7 @@ class Job:
         """End the task as not achieved."""
         raise TaskFailedError(status, sentence)
 
+    @asks
     def solve(self, problem: IKProblem, what: str) -> IKResult:
         """A verified configuration; without one the task ends with a proof and what is in the way, where there is a proof."""
         result = solve(problem, solver=self.planner, seed=self.seed)
@@ -117,6 +119,7 @@ class Job:
             self.recording.log_blame(why.pieces, problem.robot, problem.cover, nearest)
         self.fail(decided.status.value, f"{what}: {decided.status.sentence} In short: {why.sentence}.")
 
+    @asks
     def follow(
         self, world: PlanningWorld, poses: Sequence[Pose], q_start: Array, limits: FollowLimits, what: str
     ) -> Path:
@@ -133,6 +136,7 @@ class Job:
         self._tell_path(result.path, limits, what)
         return result.path
 
+    @asks
     def trace(
         self,
         world: PlanningWorld,
@@ -174,6 +178,7 @@ class Job:
         )
         return result.path
 
+    @asks
     def move(self, world: PlanningWorld, q_from: Array, q_to: Array, what: str) -> Path:
         """A collision-free joint path between two configurations; without one the task ends with the reason."""
         found = plan_in_world(world, q_from, q_to, settings=MOVING, seed=self.seed)
@@ -186,6 +191,7 @@ class Job:
         """Whether a quick search finds what `move` looks for: a collision-free joint path between two configurations."""
         return plan_in_world(world, q_from, q_to, settings=LOOKING, seed=self.seed).planned
 
+    @asks
     def reach(
         self, world: PlanningWorld, q_start: Array, inward: Sequence[Pose], limits: FollowLimits, what: str
     ) -> Path:
@@ -233,6 +239,7 @@ class Job:
         )
         return trajectory
 
+    @asks
     def carry(
         self, team: Team, poses: Sequence[Pose], starts: Mapping[str, Array], limits: FollowLimits, what: str
     ) -> Path:

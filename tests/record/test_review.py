@@ -15,7 +15,7 @@ from rich.console import Console
 
 from tests.record.conftest import RESULT, record_toy, toy_motion
 from workcell.errors import RecordingError
-from workcell.record.pictures import key_moments
+from workcell.record.moments import key_moments
 from workcell.record.recording import Recording
 from workcell.record.review import Review, review
 

@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from workcell.pose import Array
-from workcell.record.rrd import TIME, rerun
+from workcell.record.cuboid_use import IN_USE
+from workcell.record.rrd import SOLVER_STEP, TIME, rerun
+from workcell.record.solver_log import CPU, LOG, RESIDUAL
 
 
 def make_blueprint(
@@ -17,8 +19,9 @@ def make_blueprint(
 ) -> Any:
     """The blueprint of a run.
 
-    Left: the run as it happened, and a second tab with what the planner saw (spheres, cuboids). Right: one time
-    series for each metric and for the joints, the event log and the result.
+    Left: the run as it happened, a second tab with what the planner saw (spheres, cuboids, those in use coloured by link),
+    and a third with what the solvers did. Right: one time series for each metric and for the joints, the event log, the
+    result, and how many cuboids are in use.
 
     Args:
         robots, objects: escaped names, as they stand in entity paths.
@@ -30,6 +33,7 @@ def make_blueprint(
 
     collision = [f"- /world/robots/{name}/collision/**" for name in robots]
     collision += [f"- /world/objects/{name}/collision/**" for name in objects]
+    planners = [f"- /world/{name}/**" for name in ("obstacle_spheres", "free_space", IN_USE)]
     spheres = [f"- /world/robots/{name}/spheres/**" for name in robots]
     visual = [f"- /world/robots/{name}/visual/**" for name in robots]
     whole_past = rrb.VisibleTimeRanges(
@@ -53,13 +57,23 @@ def make_blueprint(
     plots = [rrb.TimeSeriesView(origin=f"/metrics/{name}", name=name.replace("_", " ")) for name in metrics]
     events = rrb.TextLogView(origin="/log", name="events")
     result = rrb.TextDocumentView(origin="/result", name="result")
+    in_use = rrb.TimeSeriesView(origin=f"/metrics/{IN_USE}", name="cuboids in use")
+    solvers = rrb.Vertical(
+        rrb.TimeSeriesView(
+            origin=f"/{RESIDUAL}", name=f"log10 of the rank residual (choose the timeline {SOLVER_STEP})"
+        ),
+        rrb.TimeSeriesView(origin=f"/{CPU}", name="CPU ms of each stage"),
+        rrb.TextLogView(origin=f"/{LOG}", name="stages"),
+        name="the solvers",
+    )
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Tabs(
-                view("the run", [*spheres, "- /world/obstacle_spheres/**", "- /world/free_space/**"]),
+                view("the run", [*spheres, *planners]),
                 view("what the planner sees", visual),
+                solvers,
             ),
-            rrb.Vertical(*plots, rrb.Tabs(events, result)),
+            rrb.Vertical(*plots, rrb.Tabs(events, result, in_use)),
             column_shares=[3, 2],
         ),
         rrb.TimePanel(timeline=TIME, state=rrb.PanelState.Collapsed),

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from workcell.record.metrics import Series
+from workcell.record.metrics import Series, unit_of
 from workcell.record.review import Review
 from workcell.record.scene_log import JOINT_POSITIONS
+from workcell.record.solver_table import stage_rows
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -68,6 +69,8 @@ class Comparison:
         facts: result and manifest entries that differ: name, first, second.
         metrics: of both, in the order of names.
         motions: robots in both.
+        cuboids: links that are in other cuboids: robot/link, first, second.
+        stages: of the solvers, where their numbers differ: what was asked, solver, stage, times in the first, in the second.
         events: lines of the log, `-` only in the first, `+` only in the second, without their times.
     """
 
@@ -76,6 +79,8 @@ class Comparison:
     facts: tuple[tuple[str, str, str], ...]
     metrics: tuple[MetricDifference, ...]
     motions: tuple[MotionDifference, ...]
+    cuboids: tuple[tuple[str, str, str], ...]
+    stages: tuple[tuple[str, str, str, int, int], ...]
     events: tuple[str, ...]
 
     @property
@@ -94,6 +99,11 @@ class Comparison:
             "facts": [{"name": name, "first": a, "second": b} for name, a, b in self.facts],
             "metrics": [asdict(row) | {"change": row.change} for row in self.metrics],
             "motions": [asdict(row) for row in self.motions],
+            "cuboids": [{"link": link, "first": a, "second": b} for link, a, b in self.cuboids],
+            "stages": [
+                {"what": what, "solver": solver, "stage": stage, "first": a, "second": b}
+                for what, solver, stage, a, b in self.stages
+            ],
             "events": list(self.events),
         }
 
@@ -111,6 +121,11 @@ class Comparison:
         for motion in self.motions:
             words = f"{motion.robot}: joints at most {motion.largest:.3g} apart ({motion.joint}, {motion.at:.2f} s)"
             parts.append(Text(words))
+        if self.cuboids:
+            parts.append(_grid(("link in cuboids", "first", "second"), self.cuboids))
+        if self.stages:
+            rows = [(what, solver, stage, str(a), str(b)) for what, solver, stage, a, b in self.stages]
+            parts.append(_grid(("solver stages", "solver", "stage", "first", "second"), rows))
         if self.events:
             parts.append(Text("Events (- only in the first, + only in the second)", style="bold"))
             parts += [Text("  " + line, style="red" if line[0] == "-" else "green") for line in self.events]
@@ -125,6 +140,8 @@ def compare(first: Review, second: Review) -> Comparison:
         tuple(_facts(first, second)),
         tuple(_metrics(first, second)),
         tuple(_motions(first, second)),
+        tuple(_cuboids(first, second)),
+        tuple(_stages(first, second)),
         tuple(_events(first, second)),
     )
 
@@ -163,6 +180,25 @@ def _motion(robot: str, a: Series, b: Series) -> MotionDifference:
     return MotionDifference(robot, float(apart.max()), a.columns[joint], float(shared[when]))
 
 
+def _cuboids(first: Review, second: Review) -> list[tuple[str, str, str]]:
+    """Links that both recordings tell of, in other cuboids or for other shares of the time."""
+    a, b = ({f"{row.robot}/{row.link}": row.words for row in review.cuboids} for review in (first, second))
+    return [(link, a[link], b[link]) for link in a if link in b and a[link] != b[link]]
+
+
+def _stages(first: Review, second: Review) -> list[tuple[str, str, str, int, int]]:
+    """How often the solvers went through each stage, where that differs and both recordings tell."""
+    if not first.queries or not second.queries:
+        return []
+    counts = [
+        {(row.what, row.solver, row.stage): row.count for row in stage_rows(review.queries)}
+        for review in (first, second)
+    ]
+    keys = list(dict.fromkeys([*counts[0], *counts[1]]))
+    rows = [(*key, counts[0].get(key, 0), counts[1].get(key, 0)) for key in keys]
+    return [row for row in rows if row[3] != row[4]]
+
+
 def _events(first: Review, second: Review) -> list[str]:
     before, after = ([line.text for line in review.events] for review in (first, second))
     return [line for line in difflib.ndiff(before, after) if line[0] in "+-"]
@@ -176,9 +212,9 @@ def _heads(first: Review, second: Review) -> list[Any]:
 
 
 def _cells(row: MetricDifference) -> tuple[str, ...]:
-    scale, unit = (1e3, " mm") if row.name in ("clearance", "tracking_error") else (1.0, "")
+    scale, unit = unit_of(row.name)
     pairs = [("-", "-") if r is None else (f"{scale * r[0]:.3f}", f"{scale * r[1]:.3f}") for r in (row.first, row.second)]  # fmt: skip
-    return (row.name + unit, pairs[0][0], pairs[1][0], pairs[0][1], pairs[1][1])
+    return (f"{row.name} {unit}".rstrip(), pairs[0][0], pairs[1][0], pairs[0][1], pairs[1][1])
 
 
 def _grid(head: tuple[str, ...], rows: Any) -> Any:

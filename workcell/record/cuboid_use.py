@@ -16,7 +16,7 @@ IN_USE, OUTSIDE = "cuboids_in_use", "spheres_in_no_cuboid"
 """Names of the metrics: how many cuboids a robot is in, and how many of its moving spheres are wholly inside none."""
 
 FREE_RGBA = (0.25, 0.75, 0.35, 0.12)
-LINK_RGB = (
+_LINK_RGB = (
     (0.12, 0.47, 0.71),
     (0.84, 0.15, 0.16),
     (0.58, 0.40, 0.74),
@@ -28,7 +28,9 @@ LINK_RGB = (
 )
 """Colours of the moving links' cuboids, in the order of the links, over and over."""
 _FILL = 0.25
-_EDGE_M = 0.004
+_EDGE_M = 0.002
+_INSET_M = 0.003
+"""Boxes are drawn so much smaller for each further link, so that links in one cuboid are all seen."""
 
 
 class CuboidUse:
@@ -73,8 +75,8 @@ class CuboidUse:
         follower = _Follower(robot, cover)
         self._followers[robot.name] = follower
         for link, name in follower.links.items():
-            colour = (*LINK_RGB[(link - 1) % len(LINK_RGB)], _FILL)
-            self._writer.log_box_style(self._path(robot.name, name), colour, _EDGE_M)
+            rgb = _LINK_RGB[(link - 1) % len(_LINK_RGB)]
+            self._writer.log_box_style(self._path(robot.name, name), (*rgb, _FILL), _EDGE_M)
 
     def send(self, indexes: Indexes, qpos: Array) -> None:
         """Where every robot is at some times; qpos (T, nq)."""
@@ -107,7 +109,8 @@ class CuboidUse:
             used = found[found >= 0]
             labels = [str(self._number[i]) for i in used]
             rows.append(k)
-            boxes.append((self._bounds[0][used], self._bounds[1][used], labels))
+            inset = _INSET_M * (link - 1)
+            boxes.append((self._bounds[0][used] + inset, self._bounds[1][used] - inset, labels))
             outside.append(state[-1])
         if rows:
             times, steps = indexes[0][rows], indexes[1][rows]

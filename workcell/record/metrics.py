@@ -13,6 +13,15 @@ from workcell.record.stage import Stage
 _SCALARS, _NAMES = "Scalars:scalars", "SeriesLines:names"
 
 
+def unit_of(name: str) -> tuple[float, str]:
+    """What a metric in SI units is multiplied with to be read, and the unit that it has then; names without their column."""
+    if name in ("clearance", "tracking_error"):
+        return 1e3, "mm"
+    if name.endswith("_rad"):
+        return 1e3, "mrad"
+    return 1.0, "rad" if name.startswith("joint_positions") else ""
+
+
 @dataclass(frozen=True, slots=True)
 class Series:
     """One metric over time: times (T,), values (T, k), and the names of its k columns."""

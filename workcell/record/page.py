@@ -13,8 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workcell.record.cameras import choose_cameras
-from workcell.record.pictures import Studio, contact_sheet, has_planner_view, key_moments, planner_view
+from workcell.record.metrics import unit_of
+from workcell.record.moments import key_moments
+from workcell.record.pictures import contact_sheet
+from workcell.record.planner_picture import has_planner_view, planner_view
 from workcell.record.plots import plot_metrics
+from workcell.record.solver_table import Query, own_cuboids, stage_rows, summary
+from workcell.record.studio import Studio
 from workcell.record.summary import check_writable
 
 if TYPE_CHECKING:
@@ -23,8 +28,8 @@ if TYPE_CHECKING:
     from workcell.record.review import Review
 
 _FRAMES = 24
+_QUERIES, _STAGES = 200, 60
 _FRAME = (640, 480)
-_MILLIMETRES = ("clearance", "tracking_error")
 _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #222; margin: 0 auto; max-width: 1280px; padding: 0 20px 40px }
 header { color: #fff; margin: 0 -20px 18px; padding: 14px 20px }
@@ -85,6 +90,8 @@ def page(review: Review) -> str:
         "<h2>Metrics</h2>",
         _metrics(review),
         *_objects(review),
+        *_cuboids(review),
+        *_solvers(review),
         "<h2>Key moments</h2>",
         _image(contact_sheet(review), "key moments, each from two sides"),
     ]
@@ -134,11 +141,11 @@ def _film(review: Review) -> list[str]:
 def _metrics(review: Review) -> str:
     rows = []
     for row in review.metrics:
-        scale, unit = (1e3, " mm") if row.name in _MILLIMETRES else (1.0, "")
+        scale, unit = unit_of(row.name)
         values = (row.minimum, row.maximum, row.mean, row.final)
         low, high, mean, final = (f"{scale * value:.3f}" for value in values)
         at = f"{row.time_of_minimum:.2f}", f"{row.time_of_maximum:.2f}"
-        rows.append((escape(row.name) + unit, low, at[0], high, at[1], mean, final))
+        rows.append((escape(f"{row.name} {unit}".rstrip()), low, at[0], high, at[1], mean, final))
     return _table(("metric", "min", "at s", "max", "at s", "mean", "final"), rows, numbers_from=1)
 
 
@@ -149,6 +156,63 @@ def _objects(review: Review) -> list[str]:
     ]  # fmt: skip
     head = ("object", "moved m", "rose m", "ends at m")
     return ["<h2>Objects</h2>", _table(head, rows, numbers_from=1)] if rows else []
+
+
+def _cuboids(review: Review) -> list[str]:
+    rows = [
+        (
+            escape(row.robot),
+            escape(row.link),
+            escape(row.words),
+            f"{row.outside:.0%}" if row.outside else "never",
+        )
+        for row in review.cuboids
+    ]
+    head = ("robot", "link", "inside cuboids (share of the time)", "partly in none")
+    title = f"<h2>Cuboids in use (of {review.free_cuboids})</h2>"
+    return [title, _table(head, rows)] if rows else []
+
+
+def _solvers(review: Review) -> list[str]:
+    """What the solvers did, added up, and below it every query."""
+    if not review.queries:
+        return []
+    rows = [
+        (
+            escape(row.what),
+            escape(row.solver),
+            escape(row.stage),
+            escape(row.residuals),
+            escape(row.note),
+            str(row.count),
+            f"{row.cpu_ms:.1f}",
+        )
+        for row in stage_rows(review.queries)
+    ]
+    head = ("asked for", "solver", "stage", "rank residual", "last note", "times", "CPU ms")
+    each = [
+        (
+            str(query.number),
+            escape(query.what),
+            escape(f"{query.solver} {query.status}"),
+            escape(_stages(query)),
+        )
+        for query in review.queries[:_QUERIES]
+    ]
+    left = len(review.queries) - len(each)
+    more = f"<p>{left} more are in the recording.</p>" if left else ""
+    return [
+        f"<h2>Solver stages</h2><p>{escape(summary(review.queries))}</p>",
+        _table(head, rows, numbers_from=5),
+        *(f"<p>{escape(line)}</p>" for line in own_cuboids(review.queries)),
+        "<details><summary>Query by query</summary>",
+        _table(("query", "asked for", "answer", "stages (CPU ms)"), each),
+        f"{more}</details>",
+    ]
+
+
+def _stages(query: Query) -> str:
+    return ", ".join(f"{stage.name} {stage.cpu_ms:.1f}" for stage in query.stages[:_STAGES])
 
 
 def _inventory(review: Review) -> str:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from workcell.record.metrics import unit_of
+from workcell.record.solver_table import own_cuboids, stage_rows, summary
+
 if TYPE_CHECKING:
     from rich.console import Group, RenderableType
     from rich.table import Table
@@ -13,7 +16,6 @@ if TYPE_CHECKING:
 
 _STYLES = {"achieved": "bold green", "not achieved": "bold red", "incomplete": "bold yellow"}
 _LEVELS = {"INFO": "", "WARN": "yellow", "ERROR": "red"}
-_MILLIMETRES = ("clearance", "tracking_error")
 
 
 def review_table(review: Review) -> Group:
@@ -39,6 +41,10 @@ def review_table(review: Review) -> Group:
         parts.append(Text.assemble(("  " + mark.ljust(7), style), f"{check.name}: {check.finding}"))
     if review.metrics:
         parts.append(_metrics_table(review))
+    if review.cuboids:
+        parts += _cuboids(review)
+    if review.queries:
+        parts += _solvers(review)
     if review.events:
         parts.append(Text("Events", style="bold"))
         for line in review.events:
@@ -64,11 +70,51 @@ def _metrics_table(review: Review) -> Table:
 
 
 def _cells(row: MetricRow) -> tuple[str, ...]:
-    scale, unit = (1e3, "mm") if row.name in _MILLIMETRES else (1.0, "")
+    scale, unit = unit_of(row.name)
     values = [f"{scale * value:.3f}" for value in (row.minimum, row.maximum, row.mean, row.final)]
     name = f"{row.name} [dim]{unit}[/dim]" if unit else row.name
     at_low, at_high = f"{row.time_of_minimum:.2f}", f"{row.time_of_maximum:.2f}"
     return (name, values[0], at_low, values[1], at_high, values[2], values[3])
+
+
+def _cuboids(review: Review) -> list[RenderableType]:
+    """Which cuboids each link was in."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=None, box=None, pad_edge=True, header_style="bold")
+    for name in ("link", "inside cuboids (share of the time)", "partly in none"):
+        table.add_column(name, overflow="fold")
+    several = len({row.robot for row in review.cuboids}) > 1
+    for row in review.cuboids:
+        name = f"{row.robot}/{row.link}" if several else row.link
+        table.add_row(name, row.words, f"{row.outside:.0%}" if row.outside else "never")
+    return [Text(f"Cuboids in use (of {review.free_cuboids})", style="bold"), table]
+
+
+def _solvers(review: Review) -> list[RenderableType]:
+    """What the solvers did, stage by stage."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=None, box=None, pad_edge=True, header_style="bold")
+    table.add_column("asked for", overflow="fold")
+    for name in ("solver", "stage"):
+        table.add_column(name, no_wrap=True)
+    for name in ("times", "CPU ms"):
+        table.add_column(name, justify="right")
+    table.add_column("rank residual", no_wrap=True)
+    before = None
+    for row in stage_rows(review.queries):
+        what = row.what if row.what != before else ""
+        before = row.what
+        table.add_row(what, row.solver, row.stage, str(row.count), f"{row.cpu_ms:.1f}", row.residuals)
+    parts: list[RenderableType] = [
+        Text.assemble(("Solver stages", "bold"), f"  {summary(review.queries)}"),
+        table,
+    ]
+    parts += [Text(f"  {line}", style="dim") for line in own_cuboids(review.queries)]
+    return parts
 
 
 def _contents(review: Review) -> str:

@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from workcell.errors import RecordingError
+from workcell.record.cuboid_table import CuboidRow, cuboid_rows
 from workcell.record.metrics import MetricRow, ObjectRow, Series, metric_rows, metric_series, object_rows
 from workcell.record.reader import Contents, read
 from workcell.record.rrd import APPLICATION
 from workcell.record.scene_log import FORMAT
+from workcell.record.solver_table import Query, recorded_queries, stage_rows
 from workcell.record.stage import Stage
 
 if TYPE_CHECKING:
@@ -56,6 +58,8 @@ class Review:
         checks: the reviewer's own.
         result, manifest: what the run wrote about itself; empty when missing.
         metrics, objects, events: in the order of names and of time.
+        cuboids: which free-space cuboids each link was in; empty where the recording does not tell.
+        queries: of inverse kinematics, with the solvers' stages; empty where the recording does not tell.
         duration: simulated seconds.
         inventory: entity path to (components, rows over time).
         missing: what the file lacks or could not be read.
@@ -71,6 +75,8 @@ class Review:
     metrics: tuple[MetricRow, ...]
     objects: tuple[ObjectRow, ...]
     events: tuple[LogLine, ...]
+    cuboids: tuple[CuboidRow, ...]
+    queries: tuple[Query, ...]
     duration: float
     inventory: Mapping[str, tuple[tuple[str, ...], int]]
     missing: tuple[str, ...]
@@ -81,6 +87,11 @@ class Review:
     def achieved(self) -> bool:
         """Whether the task was done."""
         return self.verdict == ACHIEVED
+
+    @property
+    def free_cuboids(self) -> int:
+        """How many free-space cuboids and polytopes were recorded."""
+        return sum(thing.kind == "free_space" for thing in self.stage.things)
 
     @property
     def task(self) -> str:
@@ -100,6 +111,9 @@ class Review:
             "metrics": [asdict(row) for row in self.metrics],
             "objects": [asdict(row) for row in self.objects],
             "events": [asdict(line) for line in self.events],
+            "cuboids_in_use": [row.to_json() for row in self.cuboids],
+            "solver_stages": [_finite(asdict(row)) for row in stage_rows(self.queries)],
+            "queries": len(self.queries),
             "result": dict(self.result),
             "manifest": dict(self.manifest),
             "missing": list(self.missing),
@@ -141,6 +155,7 @@ def review(path: str | Path) -> Review:
     checks = _checks(result, metrics, objects, events)
     verdict, reason = _verdict(result, checks, damaged=bool(contents.missing))
     last = [float(times[-1]) for times in [stage.times, *(s.times for s in series.values())] if len(times)]
+    duration = max(last, default=0.0)
     inventory = {p: (tuple(e.components()), e.rows()) for p, e in sorted(contents.entities.items())}
     return Review(
         path=contents.path,
@@ -152,12 +167,19 @@ def review(path: str | Path) -> Review:
         metrics=metrics,
         objects=objects,
         events=events,
-        duration=max(last, default=0.0),
+        cuboids=cuboid_rows(stage.uses, duration),
+        queries=recorded_queries(contents),
+        duration=duration,
         inventory=inventory,
         missing=tuple(missing),
         series=series,
         stage=stage,
     )
+
+
+def _finite(row: dict[str, Any]) -> dict[str, Any]:
+    """JSON has no nan."""
+    return {key: None if value != value else value for key, value in row.items()}
 
 
 def _document(contents: Contents, path: str, missing: list[str]) -> dict[str, Any]:

@@ -149,11 +149,12 @@ def draw_line(picture: Array, opaque: Buffers, camera: Camera, line: Line) -> Ar
     row = (dots[:, 1, None] + dy[disc]).astype(np.int64)
     near = np.broadcast_to(dots[:, 2, None], row.shape)
     inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
-    nearest = np.full(opaque.nearness.shape, -np.inf)
-    np.maximum.at(nearest, (row[inside], column[inside]), near[inside])
-    touched = np.isfinite(nearest)
-    shown = nearest >= opaque.nearness * (1 - 0.01)
-    alpha = np.where(shown, 1.0, line.hidden_alpha)[touched][:, None]
+    pixels, where = np.unique(row[inside] * camera.width + column[inside], return_inverse=True)
+    nearest = np.full(len(pixels), -np.inf)
+    np.maximum.at(nearest, where, near[inside])
+    touched = np.unravel_index(pixels, opaque.nearness.shape)
+    shown = nearest >= opaque.nearness[touched] * (1 - 0.01)
+    alpha = np.where(shown, 1.0, line.hidden_alpha)[:, None]
     result = picture.copy()
     result[touched] = (1 - alpha) * result[touched] + alpha * np.array(line.rgb)
     return result

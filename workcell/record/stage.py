@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workcell.pose import Array, Pose, from_xyzw
+from workcell.record.cuboid_table import LinkUse, link_uses
 from workcell.record.raster import Surface
 from workcell.record.reader import Contents, Entity
 from workcell.record.shade import Line
@@ -54,6 +55,7 @@ class Stage:
         motions: by entity path, of all that has a transform.
         plans, traces: by robot: planned points (k, 3); executed (times (T,), points (T, 3)).
         goals: pose by name.
+        uses: which cuboids the links are in.
         carriers: by entity path, the entity it is fixed to where that is not the one above it in the path.
     """
 
@@ -63,6 +65,7 @@ class Stage:
     traces: dict[str, tuple[Array, Array]]
     goals: dict[str, Pose]
     carriers: dict[str, str]
+    uses: tuple[LinkUse, ...] = ()
 
     @staticmethod
     def of(contents: Contents) -> Stage:
@@ -85,7 +88,7 @@ class Stage:
         carriers = {
             path: carrier for path, entity in world.items() if (carrier := _carrier(entity)) is not None
         }
-        return Stage(things, motions, plans, traces, goals, carriers)
+        return Stage(things, motions, plans, traces, goals, carriers, link_uses(contents))
 
     @property
     def times(self) -> Array:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from workcell.motion.spline import JointSpline
 from workcell.pose import Array
@@ -110,49 +109,57 @@ def fastest_squared_speed(s: Array, rows: PhaseRows, cap: Array) -> Array:
     At the grid points s (g,) the rows and `x <= cap` hold; from one point to the next `x' = x + 2 ds u`. Backward, the
     largest x from which the end can still be reached at rest; forward, the largest u that stays below it.
     """
-    ds = np.diff(s)
+    two_ds = 2 * np.diff(s)
+    slope, low, high = _accelerations(rows)
+    fixed, offset, gain = _starts(rows, slope[:-1], low[:-1], high[:-1], cap[:-1], two_ds)
     limit = np.zeros(len(s))
     for i in range(len(s) - 2, -1, -1):
-        limit[i] = _largest_start(rows, i, cap[i], 2 * ds[i], limit[i + 1])
+        limit[i] = max(min(fixed[i], (offset[i] + gain[i] * limit[i + 1]).min()), 0.0)
     x = np.zeros(len(s))
     for i in range(len(s) - 1):
-        x[i + 1] = min(max(x[i] + 2 * ds[i] * _largest_acceleration(rows, i, x[i]), 0.0), limit[i + 1])
+        fastest = x[i] + two_ds[i] * (high[i] + slope[i] * x[i]).min()
+        x[i + 1] = min(max(fastest, 0.0), limit[i + 1])
     return x
 
 
-def _lines(rows: PhaseRows, i: int) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """For the rows of grid point i that contain u: the slope of u's bounds in x, and the bounds at x = 0."""
-    acting = np.abs(rows.first[i]) > _SMALLEST
-    f = rows.first[i, acting]
-    at_low, at_high = rows.low[i, acting] / f, rows.high[i, acting] / f
-    return -rows.second[i, acting] / f, np.minimum(at_low, at_high), np.maximum(at_low, at_high), acting
+def _accelerations(rows: PhaseRows) -> tuple[Array, Array, Array]:
+    """(g, m) bounds `low + slope x <= u <= high + slope x` of the rows that contain u; without bounds for the others."""
+    acting = np.abs(rows.first) > _SMALLEST
+    first = np.where(acting, rows.first, 1.0)
+    ends = rows.low / first, rows.high / first
+    slope = np.where(acting, -rows.second / first, 0.0)
+    return slope, np.where(acting, np.minimum(*ends), -np.inf), np.where(acting, np.maximum(*ends), np.inf)
 
 
-def _largest_acceleration(rows: PhaseRows, i: int, x: float) -> float:
-    """The largest u that the rows of grid point i allow at x."""
-    slope, _, high, _ = _lines(rows, i)
-    return float(np.min(high + slope * x, initial=np.inf))
+def _starts(
+    rows: PhaseRows, slope: Array, low: Array, high: Array, cap: Array, two_ds: Array
+) -> tuple[Array, Array, Array]:
+    """The largest x from which some admissible u leads to `x + 2 ds u` in [0, x'], for every interval (g - 1 of them).
 
-
-def _largest_start(rows: PhaseRows, i: int, cap: float, two_ds: float, x_next: float) -> float:
-    """The largest x <= cap from which some admissible u leads to `x + 2 ds u` in [0, x_next].
-
-    Every lower bound `l(x)` on u must stay below every upper bound `h(x)`; both are lines in x, so each pair gives one
-    upper end for x. The way into [0, x_next] gives one more line of each kind, and a row without u bounds x alone.
+    It is the least of `fixed` (g - 1,) and of the lines `offset + gain x'` (g - 1, m) in the x' at the interval's end. Every
+    lower bound `l(x)` on u must stay below every upper bound `h(x)`; both are lines in x, so each pair gives one upper end
+    for x. The way into [0, x'] gives one more line of each kind, and a row without u bounds x alone.
     """
-    slope, low, high, acting = _lines(rows, i)
-    low_0, low_1 = np.append(low, 0.0), np.append(slope, -1 / two_ds)
-    high_0, high_1 = np.append(high, x_next / two_ds), np.append(slope, -1 / two_ds)
-    second = rows.second[i, ~acting]
-    bending = np.abs(second) > _SMALLEST
-    if np.any(bending):
-        bound = np.where(second > 0, rows.high[i, ~acting], rows.low[i, ~acting])[bending] / second[bending]
-        cap = min(cap, float(bound.min()))
-    gap_0 = high_0[None, :] - low_0[:, None]
-    gap_1 = high_1[None, :] - low_1[:, None]
-    closing = gap_1 < -_SMALLEST
-    ends: NDArray[np.float64] = gap_0[closing] / -gap_1[closing]
-    return max(min(cap, float(ends.min(initial=np.inf))), 0.0)
+    acting, second = np.isfinite(high), rows.second[:-1]
+    alone = ~acting & (np.abs(second) > _SMALLEST)
+    bound = np.where(second > 0, rows.high[:-1], rows.low[:-1]) / np.where(alone, second, 1.0)
+    fixed = np.minimum(cap, np.where(alone, bound, np.inf).min(axis=1))
+    closing = (
+        slope[:, :, None] - slope[:, None, :]
+    )  # row by row, how fast the upper bound falls towards the lower
+    gaps = high[:, None, :] - low[:, :, None]
+    fixed = np.minimum(fixed, _ends(gaps, closing).min(axis=(1, 2), initial=np.inf))
+    inverse = 1 / two_ds[:, None]
+    fixed = np.minimum(fixed, _ends(high, -(slope + inverse)).min(axis=1, initial=np.inf))
+    meets = acting & (slope + inverse > _SMALLEST)
+    rate = np.where(meets, slope + inverse, 1.0)
+    return fixed, np.where(meets, -low / rate, np.inf), np.where(meets, inverse / rate, 0.0)
+
+
+def _ends(gap: Array, closing: Array) -> Array:
+    """Where gaps that close by `closing` a unit of x are closed; inf for those that don't."""
+    found: Array = np.where(closing > _SMALLEST, gap / np.where(closing > _SMALLEST, closing, 1.0), np.inf)
+    return found
 
 
 def rest_to_rest(corners: Array, velocity: Array, acceleration: Array) -> float:

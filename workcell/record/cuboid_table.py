@@ -13,7 +13,7 @@ from workcell.pose import Array
 from workcell.record.cuboid_use import IN_USE
 from workcell.record.reader import Contents, Entity
 
-_LABELS, _OUTSIDE = "Boxes3D:labels", "spheres_outside"
+_LABELS, _OUTSIDE, _LINK = "Boxes3D:labels", "spheres_outside", "link"
 _GREY = 0x888888FF
 
 
@@ -79,13 +79,13 @@ class CuboidRow:
 
 
 def link_uses(contents: Contents) -> tuple[LinkUse, ...]:
-    """What a recording holds about the cuboids in use, by robot and link; what can't be understood is left out."""
+    """What a recording holds about the cuboids in use, by robot, from base to tool; what can't be understood is left out."""
     found = []
     for path, entity in sorted(contents.below(f"world/{IN_USE}").items()):
         names = path.split("/")
         if len(names) == 4 and (use := _use(names[2], names[3], entity)) is not None:
-            found.append(use)
-    return tuple(found)
+            found.append((names[2], int(entity.static.get(_LINK, [0])[0]), use))
+    return tuple(use for _, _, use in sorted(found, key=lambda item: item[:2]))
 
 
 def _use(robot: str, link: str, entity: Entity) -> LinkUse | None:

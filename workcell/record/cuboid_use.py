@@ -76,7 +76,9 @@ class CuboidUse:
         self._followers[robot.name] = follower
         for link, name in follower.links.items():
             rgb = _LINK_RGB[(link - 1) % len(_LINK_RGB)]
-            self._writer.log_box_style(self._path(robot.name, name), (*rgb, _FILL), _EDGE_M)
+            path = self._path(robot.name, name)
+            self._writer.log_box_style(path, (*rgb, _FILL), _EDGE_M)
+            self._writer.log_numbers(path, link=link)
 
     def send(self, indexes: Indexes, qpos: Array) -> None:
         """Where every robot is at some times; qpos (T, nq)."""

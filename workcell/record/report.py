@@ -72,7 +72,7 @@ def _metrics_table(review: Review) -> Table:
 def _cells(row: MetricRow) -> tuple[str, ...]:
     scale, unit = unit_of(row.name)
     values = [f"{scale * value:.3f}" for value in (row.minimum, row.maximum, row.mean, row.final)]
-    name = f"{row.name} [dim]{unit}[/dim]" if unit else row.name
+    name = f"{row.name} [dim]{unit}[/dim]" if scale != 1.0 else row.name
     at_low, at_high = f"{row.time_of_minimum:.2f}", f"{row.time_of_maximum:.2f}"
     return (name, values[0], at_low, values[1], at_high, values[2], values[3])
 
@@ -93,26 +93,21 @@ def _cuboids(review: Review) -> list[RenderableType]:
 
 
 def _solvers(review: Review) -> list[RenderableType]:
-    """What the solvers did, stage by stage."""
-    from rich.table import Table
+    """What the solvers did, stage by stage, for each thing that was asked."""
     from rich.text import Text
 
-    table = Table(title=None, box=None, pad_edge=True, header_style="bold")
-    table.add_column("asked for", overflow="fold")
-    for name in ("solver", "stage"):
-        table.add_column(name, no_wrap=True)
-    for name in ("times", "CPU ms"):
-        table.add_column(name, justify="right")
-    table.add_column("rank residual", no_wrap=True)
-    before = None
-    for row in stage_rows(review.queries):
-        what = row.what if row.what != before else ""
-        before = row.what
-        table.add_row(what, row.solver, row.stage, str(row.count), f"{row.cpu_ms:.1f}", row.residuals)
-    parts: list[RenderableType] = [
-        Text.assemble(("Solver stages", "bold"), f"  {summary(review.queries)}"),
-        table,
+    rows = stage_rows(review.queries)
+    wide = [
+        max(len(name) for name in names) for names in zip(*((r.solver, r.stage) for r in rows), strict=True)
     ]
+    parts: list[RenderableType] = [Text.assemble(("Solver stages", "bold"), f"  {summary(review.queries)}")]
+    before = None
+    for row in rows:
+        if row.what != before:
+            parts.append(Text(f"  {row.what}"))
+            before = row.what
+        words = f"    {row.solver:{wide[0]}}  {row.stage:{wide[1]}} {row.count:5} x {row.cpu_ms:9.1f} ms"
+        parts.append(Text(words + (f"  residual {row.residuals}" if row.residuals else ""), style="dim"))
     parts += [Text(f"  {line}", style="dim") for line in own_cuboids(review.queries)]
     return parts
 

@@ -242,6 +242,10 @@ class RrdWriter:
         style = self._rr.Boxes3D.from_fields(colors=[colour_bytes(rgba)], radii=[radius], fill_mode=fill)
         self.log(path, style)
 
+    def log_numbers(self, path: str, **values: int) -> None:
+        """Numbers that no view draws, by name."""
+        self.log(path, self._rr.AnyValues(**values))
+
     def send_boxes(
         self, path: str, indexes: Indexes, boxes: Sequence[tuple[Array, Array, list[str]]]
     ) -> None:

@@ -53,7 +53,7 @@ class StageRow:
         solver, stage: who did what.
         count: how often.
         cpu_ms: CPU milliseconds, all together.
-        first, last: rank residual at the first and at the last of them; nan without.
+        largest, smallest: rank residuals reached by them; nan without.
         note: of the last.
     """
 
@@ -62,16 +62,18 @@ class StageRow:
     stage: str
     count: int
     cpu_ms: float
-    first: float
-    last: float
+    largest: float
+    smallest: float
     note: str
 
     @property
     def residuals(self) -> str:
         """The residuals in words."""
-        if np.isnan(self.last):
+        if np.isnan(self.smallest):
             return ""
-        return f"{self.last:.1e}" if self.count == 1 else f"{self.first:.1e} to {self.last:.1e}"
+        if self.largest == self.smallest:
+            return f"{self.smallest:.1e}"
+        return f"{self.largest:.1e} to {self.smallest:.1e}"
 
 
 def recorded_queries(contents: Contents) -> tuple[Query, ...]:
@@ -123,7 +125,7 @@ def stage_rows(queries: Sequence[Query]) -> tuple[StageRow, ...]:
     for (what, solver, name), stages in sorted(groups.items(), key=lambda item: order.index(item[0][0])):
         known = [stage.residual for stage in stages if not np.isnan(stage.residual)] or [_NAN]
         spent = sum(stage.cpu_ms for stage in stages)
-        rows.append(StageRow(what, solver, name, len(stages), spent, known[0], known[-1], stages[-1].note))
+        rows.append(StageRow(what, solver, name, len(stages), spent, max(known), min(known), stages[-1].note))
     return tuple(rows)
 
 

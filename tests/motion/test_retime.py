@@ -10,6 +10,7 @@ from workcell.motion.dynamics import TooWeakError
 from workcell.motion.path import Path
 from workcell.motion.polynomials import PolynomialMotion
 from workcell.motion.retime import limit_use, retime
+from workcell.motion.spline import spline_within_limits
 
 
 def line(robot, delta):
@@ -104,6 +105,19 @@ def test_joint_limits_hold_between_waypoints_that_touch_them(planar):
     assert np.array_equal(trajectory.q[0], q[0]) and np.allclose(trajectory.q[-1], q[-1], atol=1e-12)
 
 
+def test_joint_limits_hold_between_corners_at_the_limits(arm7):
+    """The spline's own extremes count: looked at in 24 places an interval, this one exceeds a limit by 5e-6 rad."""
+    rng = np.random.default_rng(3)
+    corners = np.clip(rng.uniform(-3.3, 3.3, (6, 7)), arm7.lower, arm7.upper)
+    spline = spline_within_limits(Path(arm7, corners), 0.02)
+    q = spline.derivatives(np.linspace(0.0, spline.length, 200_001))[0]
+    assert np.all(arm7.within_limits(q))
+    low, high = spline.extremes()
+    assert np.all(low.min(axis=0) <= q.min(axis=0) + 1e-12)
+    assert np.allclose(low.min(axis=0), q.min(axis=0), atol=1e-6)
+    assert np.allclose(high.max(axis=0), q.max(axis=0), atol=1e-6)
+
+
 def test_the_tool_keeps_its_speed_limit(planar):
     trajectory = retime(line(planar, [0.5, 0.5, 0.5]), 2.0, 8.0, tool_speed=0.2)
     positions = planar.fk_transform(trajectory.q)[:, :3, 3]
@@ -131,6 +145,13 @@ def test_repeated_waypoints_do_no_harm(planar):
 def test_limits_that_make_no_sense(planar, velocity, acceleration, message):
     with pytest.raises(InputError, match=message):
         retime(line(planar, [1, 0, 0]), velocity, acceleration)
+
+
+@pytest.mark.parametrize("name", ["dt", "smoothing_s", "support", "grid"])
+@pytest.mark.parametrize("value", [0, -1, float("nan")])
+def test_steps_and_widths_that_make_no_sense(planar, name, value):
+    with pytest.raises(InputError, match=name):
+        retime(line(planar, [1, 0, 0]), 1.0, 1.0, **{name: value})
 
 
 def test_a_path_that_stands_still(planar):

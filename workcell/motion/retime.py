@@ -80,8 +80,9 @@ def retime(
         grid: intervals of the phase plane.
 
     Raises:
-        InputError: a limit that is zero, negative, NaN or (for the acceleration) infinite; a path that does not move,
-            or that runs so close to a joint limit that no smooth motion through it keeps the limit.
+        InputError: a limit that is zero, negative, NaN or (for the acceleration) infinite; a time step, width, distance or
+            number of intervals that is not positive; a path that does not move, or that runs so close to a joint limit
+            that no smooth motion through it keeps the limit.
         TooWeakError: torques don't suffice to hold the arm (and what it carries) still somewhere on the path.
     """
     robot = path.robot
@@ -90,6 +91,9 @@ def retime(
         raise InputError(
             f"the tool's speed limit is {tool_speed}", where="tool_speed", remedy="a positive number"
         )
+    for name, value in (("dt", dt), ("smoothing_s", smoothing_s), ("support", support), ("grid", grid)):
+        if not value > 0 or (name != "support" and not np.isfinite(value)):
+            raise InputError(f"{name} is {value}", where=name, remedy="a positive number")
     spline = spline_within_limits(path, support)
     torques = None if dynamics is None else TorqueLimits.of(dynamics, effort)
     bounds = _Bounds(robot, spline, v_max, a_max, tool_speed, torques)

@@ -14,8 +14,8 @@ from workcell.pose import Array
 _RINGING = 0.05
 """Corner angle times segment length (radians squared) from which a corner gets support points: 1 mrad off the line."""
 _SMALLEST = 1e-12
-_LOOKS, _ROUNDS = 24, 6
-"""Places looked at in each interval, and rounds of moving points, to bring a spline inside the joint limits."""
+_ROUNDS = 6
+"""Rounds of moving points to bring a spline inside the joint limits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +58,20 @@ class JointSpline:
         first = (p1 - p0) / h + ((3 * b**2 - 1) * m1 - (3 * a**2 - 1) * m0) * h / 6
         return q, first, a * m0 + b * m1
 
+    def extremes(self) -> tuple[Array, Array]:
+        """(k, n) smallest and largest value of each joint on each of the k intervals, where its derivative is zero too."""
+        h = np.diff(self.knots)[:, None] ** 2
+        p0, p1, m0, m1 = self.points[:-1], self.points[1:], self.second[:-1], self.second[1:]
+        # dq/db = a b^2 + 2 c b + d along an interval, b from 0 to 1; its roots, without cancellation, are w / a and d / w
+        a, c, d = h * (m1 - m0) / 2, h * m0 / 2, p1 - p0 - h * (2 * m0 + m1) / 6
+        w = -(c + np.copysign(np.sqrt(np.maximum(c * c - a * d, 0.0)), c))
+        found = [p0, p1]
+        for over, under in ((w, a), (d, w)):
+            b = np.clip(np.divide(over, under, out=np.zeros_like(w), where=np.abs(under) > _SMALLEST), 0, 1)
+            left = 1 - b
+            found.append(left * p0 + b * p1 + ((left**3 - left) * m0 + (b**3 - b) * m1) * h / 6)
+        return np.min(found, axis=0), np.max(found, axis=0)
+
     def motion(self, s: Array, sd: Array, sdd: Array) -> tuple[Array, Array, Array]:
         """q, qd and qdd (T, n) of a motion s(t) along the spline."""
         q, first, second = self.derivatives(s)
@@ -74,14 +88,10 @@ def spline_within_limits(path: Path, support: float) -> JointSpline:
         points = _with_support(path.configurations, support, ringing)
         for _ in range(_ROUNDS):
             spline = JointSpline.through(points)
-            fractions = np.linspace(0.0, 1.0, _LOOKS, endpoint=False)
-            s = spline.knots[:-1, None] + fractions * np.diff(spline.knots)[:, None]
-            q = spline.derivatives(s.ravel())[0].reshape(*s.shape, robot.dof)
-            if np.all(robot.within_limits(q)):
+            smallest, largest = spline.extremes()
+            if np.all(robot.within_limits(smallest) & robot.within_limits(largest)):
                 return spline
-            beyond = np.maximum(q - robot.upper, 0.0).max(axis=1) - np.maximum(robot.lower - q, 0.0).max(
-                axis=1
-            )
+            beyond = np.maximum(largest - robot.upper, 0.0) - np.maximum(robot.lower - smallest, 0.0)
             worst = np.where(np.abs(beyond[1:]) > np.abs(beyond[:-1]), beyond[1:], beyond[:-1])
             points = points.copy()
             points[1:-1] -= 1.2 * worst

@@ -5,62 +5,43 @@ it, and the way to the tray with the part in the hand. The fingers hold by frict
 simulation watches it, and judges how far it did.
 """
 
-import numpy as np
-
-from workcell import FollowLimits, Job, PlanningWorld, Pose, Scene, line
+from workcell import FREE, FollowLimits, Job, PathTolerance, PlanningWorld, Pose, Scene, line, turned
 
 LIMITS = FollowLimits(max_step=0.2, clearance=0.002)  # radians between waypoints, metres to keep everywhere
-TRANSFER = FollowLimits(
-    max_step=0.2, clearance=0.002, deviation_m=0.01, deviation_rad=0.05
-)  # it need not be straight
-
-
-def grasp_of(job: Job, world: PlanningWorld, part: str) -> Pose:
-    """Of the part's grasps, turned about the approach, the one with room for the hand that turns the wrist least."""
-    grasp, symmetry = world.scene.site_pose(f"{part}/grasp"), world.scene.task["parts"][part]["symmetry"]
-    halves = np.pi * np.arange(symmetry) / symmetry
-    turns = [grasp @ Pose(np.zeros(3), np.array([np.cos(a), 0.0, 0.0, np.sin(a)])) for a in halves]
-    fitting = [turn for turn in turns if world.hand_clearance(turn, [part]) >= world.scene.task["room"]]
-    if not fitting:
-        job.fail("NOT_FOUND", f"{part}: the hand does not fit around it at any of its {symmetry} grasps.")
-    tool = world.robot.robot.fk(world.robot.start)
-    return min(fitting, key=lambda turn: turn.error_to(tool)[1])
+TRANSFER = FollowLimits(max_step=0.2, clearance=0.002, deviation_m=0.01, deviation_rad=0.05)  # need not be straight
+LEVEL = PathTolerance(rotation=(0.0, 0.0, FREE), frame="world")  # a part may be turned on its way, but not tilted
 
 
 def plan_part(job: Job, scene: Scene, part: str):
-    """All motions for one part, from where the robot of `scene` stands; and the scene that they leave behind."""
-    task, arm = scene.task, scene.robot()
+    """All motions for one part, from home and back; and the scene that they leave behind."""
+    task, arm, home = scene.task, scene.robot(), job.scene.robot().start
+    fk, stands, site = arm.robot.fk, scene.object_pose(part), scene.site_pose(f"{part}/grasp")
     world = PlanningWorld.of(scene, opening=task["opening"], approached=[part], seed=job.seed)
-    stands, grasp = scene.object_pose(part), grasp_of(job, world, part)
-    slot = scene.site_pose(task["tray_frame"]).apply([*task["parts"][part]["slot"], task["drop"]])
-    shift = Pose.from_xyz(slot - stands.position)
-    up, hover = Pose.from_xyz([0, 0, task["lift"]]), Pose.from_xyz([0, 0, task["hover"]])
-    put = shift @ grasp
-    into = job.reach(world, arm.start, line(up @ grasp, grasp), TRANSFER, f"{part}: into the bin")
+    grasps = turned(site, task["parts"][part]["symmetry"], near=fk(arm.start))
+    fitting = [grasp for grasp in grasps if world.hand_clearance(grasp, [part]) >= task["room"]]
+    if not fitting:
+        job.fail("NOT_FOUND", f"{part}: the hand does not fit around it at any of its {len(grasps)} grasps.")
+    up, down = Pose.from_xyz([0, 0, task["lift"]]), Pose.from_xyz([0, 0, task["drop"] - task["hover"]])
+    first, *others = (line(up @ grasp, grasp) for grasp in fitting)
+    into = job.reach(world, arm.start, first, TRANSFER, f"{part}: into the bin", others=others)
 
+    grasp = fk(into.end)
     carrying = world.holding(part, grasp.inverse() @ stands, towards=[into.end])
     lifting, placing = carrying.standing_on(task["floor"]), carrying.standing_on(task["tray_floor"])
+    slot = scene.site_pose(task["tray_frame"]).apply([*task["parts"][part]["slot"], task["hover"]])
+    over = Pose.from_xyz(slot - stands.position) @ grasp
     out = job.follow(lifting, line(grasp, up @ grasp), into.end, LIMITS, f"{part}: out of the bin")
-    over = job.reach(carrying, out.end, line(up @ put, hover @ put), TRANSFER, f"{part}: to the tray")
-    down = job.follow(placing, line(hover @ put, put), over.end, LIMITS, f"{part}: onto the tray")
+    across = (*line(up @ grasp, up @ over), *line(up @ over, over)[1:])
+    over = job.follow(carrying, across, out.end, TRANSFER, f"{part}: to the tray", tolerance=LEVEL)
+    put = down @ fk(over.end)
+    onto = job.follow(placing, line(fk(over.end), put), over.end, LIMITS, f"{part}: onto the tray")
 
-    after = scene.moved({part: shift @ stands}).with_start(arm.name, down.end)
+    after = scene.moved({part: put @ grasp.inverse() @ stands}).with_start(arm.name, onto.end)
     emptied = PlanningWorld.of(after, opening=task["opening"], approached=[part], seed=job.seed)
-    back = job.follow(emptied, line(put, up @ put), down.end, LIMITS, f"{part}: off the tray")
-    job.log_plan(into + out + over + down + back)
-    gentle = task["gentle"]  # what a hand holds by friction must not be jerked
-    ways = (
-        (world, into, None),
-        (lifting, out, gentle),
-        (carrying, over, gentle),
-        (placing, down, gentle),
-        (emptied, back, None),
-    )
-    motions = [
-        job.retime(view, path, task["max_tool_speed"], f"{part}: motion", acceleration=limit)
-        for view, path, limit in ways
-    ]
-    return motions, after.with_start(arm.name, back.end)
+    back = job.follow(emptied, line(put, up @ put), onto.end, LIMITS, f"{part}: off the tray")
+    back += job.move(emptied, back.end, home, f"{part}: home")
+    ways = [(world, into), (lifting, out), (carrying, over), (placing, onto), (emptied, back)]
+    return job.timed(ways, task["max_tool_speed"], f"{part}: motion"), after.with_start(arm.name, home)
 
 
 def run(job: Job) -> None:

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
         line,
         polyline,
         through,
+        turned,
     )
     from workcell.motion.world import PlanningWorld
     from workcell.pose import Pose
@@ -84,6 +85,7 @@ _HOMES = {
     "line": "motion.toolpath",
     "polyline": "motion.toolpath",
     "through": "motion.toolpath",
+    "turned": "motion.toolpath",
     "PlanningWorld": "motion.world",
     "Pose": "pose",
     "Recording": "record.recording",

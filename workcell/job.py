@@ -11,12 +11,13 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from workcell.ahead import compiling_seconds
 from workcell.ik.problem import IKProblem
 from workcell.ik.result import IKResult
 from workcell.ik.solve import solve
 from workcell.ik.why_not import explain
-from workcell.jit import compile_seconds
 from workcell.model.scene import Scene
+from workcell.motion.body import Upright
 from workcell.motion.dynamics import ChainDynamics, TooWeakError, TorqueUse
 from workcell.motion.follow import FollowLimits, follow, local_solver, step_solver
 from workcell.motion.path import Path, Trajectory, stationary
@@ -81,12 +82,12 @@ class Job:
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
         """Time a phase; the summary gets `<name>_s`, summed over phases of one name, without what compiling kernels took."""
-        start = time.perf_counter() - compile_seconds()
+        start = time.perf_counter() - compiling_seconds()
         try:
             yield
         finally:
             key = f"{name}_s"
-            self.summary[key] = self.summary.get(key, 0.0) + time.perf_counter() - compile_seconds() - start
+            self.summary[key] = self.summary.get(key, 0.0) + time.perf_counter() - compiling_seconds() - start
 
     def fail(self, status: str, sentence: str) -> NoReturn:
         """End the task as not achieved."""
@@ -121,17 +122,21 @@ class Job:
 
     @asks
     def follow(
-        self, world: PlanningWorld, poses: Sequence[Pose], q_start: Array, limits: FollowLimits, what: str
+        self,
+        world: PlanningWorld,
+        poses: Sequence[Pose],
+        q_start: Array,
+        limits: FollowLimits,
+        what: str,
+        *,
+        tolerance: PathTolerance | None = None,
     ) -> Path:
-        """A continuous joint path along tool poses; without one the task ends with the reason and the place."""
+        """A continuous joint path along tool poses, by fast local steps; without one the task ends with the reason and place."""
         problem, rescue = world.problem(poses[0]), step_solver(self.planner, seed=self.seed)
-        solver = local_solver(problem, limits=limits, rescue=rescue, seed=self.seed)
-        result = follow(problem, poses, q_start, limits=limits, solver=solver)
+        solver = local_solver(problem, tolerance=tolerance, limits=limits, rescue=rescue, seed=self.seed)
+        result = follow(problem, poses, q_start, tolerance=tolerance, limits=limits, solver=solver)
         if result.path is None or not result.followed:
-            failure = result.failure
-            where = (
-                "" if failure is None else f" at pose {failure.waypoint} of {len(poses)}: {failure.detail}"
-            )
+            where = "" if result.failure is None else f" {result.failure.words}"
             self.fail(result.status.value, f"{what}{where}. {result.status.sentence}")
         self._tell_path(result.path, limits, what)
         return result.path
@@ -193,10 +198,25 @@ class Job:
 
     @asks
     def reach(
-        self, world: PlanningWorld, q_start: Array, inward: Sequence[Pose], limits: FollowLimits, what: str
+        self,
+        world: PlanningWorld,
+        q_start: Array,
+        inward: Sequence[Pose],
+        limits: FollowLimits,
+        what: str,
+        *,
+        others: Sequence[Sequence[Pose]] = (),
+        upright: Upright | None = None,
     ) -> Path:
-        """A continuous path from where the robot stands along tool poses; without one the task ends with the reason."""
-        result = reach(world, q_start, inward, limits=limits, solver=self.planner, seed=self.seed)
+        """A continuous path from where the robot stands along tool poses; without one the task ends with the reason.
+
+        `others` would do as well as `inward`: the first that can be followed without a detour is taken. `upright` keeps an
+        axis of the tool within a cone all along: for what must not tilt, or would slip if it did.
+        """
+        ways = [inward, *others]
+        result = reach(
+            world, q_start, ways, limits=limits, upright=upright, solver=self.planner, seed=self.seed
+        )
         if result.path is None:
             status = "NOT_FOUND" if result.ik is None or result.ik.solved else result.ik.status.value
             self.fail(status, f"{what}: {'; '.join(result.failures)}")
@@ -238,6 +258,16 @@ class Job:
             f"{what}: {trajectory.duration:.2f} s, proved {1e3 * TRACKING_ROOM:.0f} mm clear or more, at most {use.share.max():.0%} of {use.joint}'s effort limit"
         )
         return trajectory
+
+    def timed(
+        self, stretches: Sequence[tuple[PlanningWorld, Path]], tool_speed: float, what: str
+    ) -> list[Trajectory]:
+        """The motions along stretches of one way, each as `retime` makes it in its own world; the way is logged."""
+        way = stretches[0][1]
+        for _, path in stretches[1:]:
+            way += path
+        self.log_plan(way)
+        return [self.retime(world, path, tool_speed, what) for world, path in stretches]
 
     @asks
     def carry(

@@ -17,6 +17,7 @@ from workcell.motion.toolpath import (
     distance_to_path,
     polyline,
     through,
+    turned,
 )
 from workcell.pose import Pose, axis_angle_to_matrix
 
@@ -100,6 +101,16 @@ def test_free_turns_about_the_tool_axis_and_about_the_vertical_differ():
     assert max(yaw.excess(tilted, about_world)) < 1e-9 and yaw.excess(tilted, about_tool)[1] > 0.1
 
 
+def test_a_pose_turned_about_its_axis_comes_in_equal_parts_the_nearest_first():
+    pose = Pose([0.1, 0.2, 0.3], [np.cos(0.4), np.sin(0.4), 0, 0])
+    near = pose @ Pose([0, 0, 0], [np.cos(1.2), 0, 0, np.sin(1.2)])  # by 2.4 rad
+    turns = turned(pose, 4, near)
+    angles = [pose.error_to(turn)[1] for turn in turns]
+    assert np.allclose(angles, [np.pi, np.pi / 2, np.pi / 2, 0], atol=1e-9)
+    assert np.allclose([turn.position for turn in turns], pose.position)
+    assert all(np.allclose(turn.rotation[:, 2], pose.rotation[:, 2]) for turn in turns)
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [
@@ -112,6 +123,7 @@ def test_free_turns_about_the_tool_axis_and_about_the_vertical_differ():
         (lambda: arc(START, [0, np.nan, 0], [0, 0, 1], 1.0), "finite numbers"),
         (lambda: arc(START, START.position, [0, 0, 1], 1.0), "its own axis"),
         (lambda: circle(START, [0, 0, 0], [0, 0, 1], 0.0), "spacing"),
+        (lambda: turned(START, 0, START), "0 parts"),
         (lambda: through([START]), "two or more poses"),
         (lambda: through([START, START]), "at one place"),
         (lambda: check_tool_path([]), "two or more poses, not 0"),

@@ -2,24 +2,34 @@
 
 A tool path that is followed from one given configuration may run into a joint limit half-way (continuity leaves no
 second choice). Then the goal's inverse kinematics is solved again, with other seeds; each solution is followed backwards
-out along the path, and the place where it comes out is connected to the start by a collision-free joint motion.
+out along the path, and the place where it comes out is connected to the start by a collision-free joint motion. Where
+several tool paths would do, such as one for each grasp that an object allows, one that needs no such detour comes first.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from workcell.errors import InputError
+from workcell.ik.problem import Budget
 from workcell.ik.result import IKResult
 from workcell.ik.solve import solve
-from workcell.motion.follow import FollowLimits, FollowResult, Solver, follow, line, local_solver, step_solver
+from workcell.motion.body import Upright
+from workcell.motion.follow import STEP_BUDGET, FollowLimits, follow, line, local_solver, step_solver
 from workcell.motion.path import Path
 from workcell.motion.plan import PlanSettings
+from workcell.motion.starts import turned_towards
 from workcell.motion.world import PlanningWorld
 from workcell.motion.worldplan import plan_in_world
 from workcell.pose import Array, Pose
+
+_DIRECT_BUDGET, _DIRECT_HALVINGS = Budget(0.25), 3
+"""CPU seconds of the solver behind a step of the direct way, and how often the distance between its poses is halved."""
+_LOOKS = 4
+"""Configurations between two waypoints at which the tool's tilt is looked at."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,86 +52,116 @@ class ReachResult:
 def reach(
     world: PlanningWorld,
     q_start: Array,
-    inward: Sequence[Pose],
+    ways: Sequence[Sequence[Pose]],
     *,
     limits: FollowLimits,
+    upright: Upright | None = None,
     solver: str = "ikspark",
     seed: int = 0,
     tries: int = 6,
 ) -> ReachResult:
-    """A continuous path from `q_start` through the tool poses `inward`, of which the last is the goal.
+    """A continuous path from `q_start` along one of several lists of tool poses, of which the last is the goal.
+
+    The first that can be followed directly from the start, else the first to which a goal configuration leads.
 
     Args:
         world: what the planner knows of the scene.
         q_start: (n,) where the robot stands.
-        inward: two or more tool poses, from the mouth of the narrow way to the goal.
+        ways: one or more lists of two or more tool poses, from the mouth of the narrow way to the goal.
         limits: what the motion keeps.
+        upright: keep an axis of the tool within a cone all along, joint motions included; None: it may turn as it likes.
         solver: of every IK problem.
         seed: same seed, same path.
-        tries: goal configurations to try when the direct way fails.
+        tries: goal configurations of one way to try when the direct ways fail.
+
+    Raises:
+        InputError: no way; a start that is tilted beyond `upright`.
     """
-    robot = world.robot.robot
-    direct = [*line(robot.fk(q_start), inward[0]), *inward[1:]]
-    followed = follow(
-        world.problem(direct[0]),
-        direct,
-        q_start,
-        limits=limits,
-        solver=_steps(world, direct[0], limits, solver, seed),
-    )
-    if followed.path is not None and followed.followed:
-        return ReachResult(followed.path, "followed from the start", None, ())
-    failures = [f"from the start: {_words(followed)}"]
-    answers = []
-    for k in range(tries):
-        answers.append(solve(world.problem(inward[-1]), solver=solver, seed=seed + k))
-        if answers[-1].status.is_proof:
-            failures.append(answers[-1].status.sentence)
-            break
-        if not answers[-1].solved:
-            failures.append(f"goal configuration {k}: {answers[-1].status.sentence}")
-    solved = [ik for ik in answers if ik.solved]
-    # the nearest first: a transfer with half a turn less is shorter, and gentler to what is in the hand
-    for k, ik in enumerate(sorted(solved, key=lambda ik: float(np.abs(ik.unwrap() - q_start).max()))):
-        path, why = _by_way_of(world, q_start, inward, ik.unwrap(), limits, solver, seed + k)
+    if not ways:
+        raise InputError(
+            "there is no way to choose from", where="ways", remedy="one list of tool poses or more"
+        )
+    queries = [_Query(world, tuple(inward), limits, upright, solver, seed) for inward in ways]
+    failures: list[str] = []
+    answer = None
+    for query in queries:
+        path, why = query.directly(q_start)
         if path is not None:
-            return ReachResult(path, f"by way of goal configuration {k}", ik, tuple(failures))
-        failures.append(f"goal configuration {k}: {why}")
-    return ReachResult(None, "not found", answers[-1] if answers else None, tuple(failures))
+            return ReachResult(path, "followed from the start", None, tuple(failures))
+        failures.append(f"from the start: {why}")
+    for query in queries:
+        result = query.by_goal_configurations(q_start, tries)
+        failures += result.failures
+        answer = result.ik
+        if result.path is not None:
+            return replace(result, failures=tuple(failures))
+    return ReachResult(None, "not found", answer, tuple(failures))
 
 
-def _by_way_of(
-    world: PlanningWorld,
-    q_start: Array,
-    inward: Sequence[Pose],
-    q_goal: Array,
-    limits: FollowLimits,
-    solver: str,
-    seed: int,
-) -> tuple[Path | None, str]:
-    """Out of the narrow way backwards from one goal configuration, then to the start in joint space."""
-    outward = tuple(reversed(inward))
-    back = follow(
-        world.problem(outward[0]),
-        outward,
-        q_goal,
-        limits=limits,
-        solver=_steps(world, outward[0], limits, solver, seed),
-    )
-    if back.path is None or not back.followed:
-        return None, _words(back)
-    settings = PlanSettings(clearance=limits.clearance)
-    way = plan_in_world(world, q_start, back.path.end, settings=settings, seed=seed)
-    if way.path is None:
-        return None, way.detail
-    return way.path + back.path.reversed(), ""
+@dataclass(frozen=True, slots=True)
+class _Query:
+    """One list of tool poses: see `reach`."""
 
+    world: PlanningWorld
+    inward: tuple[Pose, ...]
+    limits: FollowLimits
+    upright: Upright | None
+    solver: str
+    seed: int
 
-def _steps(world: PlanningWorld, first: Pose, limits: FollowLimits, solver: str, seed: int) -> Solver:
-    """Fast local steps, the solver behind them."""
-    return local_solver(world.problem(first), limits=limits, rescue=step_solver(solver, seed=seed), seed=seed)
+    def directly(self, q_start: Array) -> tuple[Path | None, str]:
+        """Straight to the mouth of the narrow way and in, without leaving the configurations that begin at the start."""
+        poses = (*line(self.world.robot.robot.fk(q_start), self.inward[0]), *self.inward[1:])
+        # this way may well end at a joint limit, and there are others: not worth a long search at every step
+        limits = replace(self.limits, max_halvings=min(self.limits.max_halvings, _DIRECT_HALVINGS))
+        return self._followed(poses, q_start, limits, _DIRECT_BUDGET)
 
+    def by_goal_configurations(self, q_start: Array, tries: int) -> ReachResult:
+        """By way of the goal configuration nearest to the start that leads out of the narrow way."""
+        robot, answers, failures = self.world.robot.robot, list[IKResult](), list[str]()
+        for k in range(tries):
+            answers.append(solve(self.world.problem(self.inward[-1]), solver=self.solver, seed=self.seed + k))
+            if answers[-1].status.is_proof:
+                failures.append(answers[-1].status.sentence)
+                break
+            if not answers[-1].solved:
+                failures.append(f"goal configuration {k}: {answers[-1].status.sentence}")
+        goals = [(turned_towards(robot, ik.unwrap(), q_start), ik) for ik in answers if ik.solved]
+        # a transfer with half a turn less is shorter, and gentler to what is in the hand
+        goals.sort(key=lambda goal: float(np.abs(goal[0] - q_start).max()))
+        for k, (q_goal, ik) in enumerate(goals):
+            path, why = self._by_way_of(q_goal, q_start, self.seed + k)
+            if path is not None:
+                return ReachResult(path, f"by way of goal configuration {k}", ik, tuple(failures))
+            failures.append(f"goal configuration {k}: {why}")
+        return ReachResult(None, "not found", answers[-1] if answers else None, tuple(failures))
 
-def _words(result: FollowResult) -> str:
-    detail = "" if result.failure is None else f" (pose {result.failure.waypoint}: {result.failure.detail})"
-    return f"{result.status.sentence}{detail}"
+    def _by_way_of(self, q_goal: Array, q_start: Array, seed: int) -> tuple[Path | None, str]:
+        """Out of the narrow way backwards from one goal configuration, then to the start in joint space."""
+        back, why = self._followed(self.inward[::-1], q_goal, self.limits, STEP_BUDGET)
+        if back is None:
+            return None, why
+        settings = PlanSettings(clearance=self.limits.clearance)
+        way = plan_in_world(self.world, q_start, back.end, settings=settings, upright=self.upright, seed=seed)
+        return (None, way.detail) if way.path is None else (way.path + back.reversed(), "")
+
+    def _followed(
+        self, poses: tuple[Pose, ...], q_start: Array, limits: FollowLimits, budget: Budget
+    ) -> tuple[Path | None, str]:
+        """Fast local steps along tool poses, the solver behind them; the path, or why there is none."""
+        problem = self.world.problem(poses[0])
+        rescue = step_solver(self.solver, budget, self.seed)
+        steps = local_solver(problem, limits=limits, rescue=rescue, seed=self.seed)
+        result = follow(problem, poses, q_start, limits=limits, solver=steps)
+        if result.path is None or not result.followed:
+            where = "" if result.failure is None else f" ({result.failure.words})"
+            return None, f"{result.status.sentence}{where}"
+        tilt = 0.0 if self.upright is None else self._tilt(result.path, self.upright)
+        if self.upright is not None and tilt > self.upright.angle:
+            return None, f"the tool would tilt by {tilt:.3f} rad, and may by {self.upright.angle:.3f}"
+        return result.path, ""
+
+    def _tilt(self, path: Path, upright: Upright) -> float:
+        """The largest tilt of the tool along a path whose waypoints are close."""
+        looks = np.linspace(0.0, len(path) - 1, _LOOKS * (len(path) - 1) + 1)
+        return max(upright.tilt(self.world.robot.robot, q) for q in path.at(looks))

@@ -124,6 +124,21 @@ def line(start: Pose, end: Pose, spacing: float = 0.02, spacing_rad: float = 0.1
     return (start, *inner, end)
 
 
+def turned(pose: Pose, count: int, near: Pose) -> list[Pose]:
+    """A pose turned about its own z axis by each of `count` equal parts of a whole turn; the one turned least from `near` first.
+
+    A gripper may hold a round or many-sided object at any of them.
+
+    Raises:
+        InputError: a count below one.
+    """
+    if count < 1:
+        raise InputError(f"a whole turn in {count} parts", where="count", remedy="1 or more")
+    halves = np.pi * np.arange(count) / count
+    poses = [pose @ Pose(np.zeros(3), np.array([np.cos(a), 0.0, 0.0, np.sin(a)])) for a in halves]
+    return sorted(poses, key=lambda turn: turn.error_to(near)[1])
+
+
 def polyline(corners: Sequence[Pose], spacing: float = 0.02, spacing_rad: float = 0.1) -> tuple[Pose, ...]:
     """Straight lines from corner to corner; each corner once."""
     corners = check_tool_path(corners)

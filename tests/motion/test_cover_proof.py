@@ -1,5 +1,7 @@
 """The compiled proof: never wrong against dense sampling, exact on closed forms, and it finds a planted graze."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 
 from workcell.errors import InputError
 from workcell.geometry.types import Piece, SphereCover
+from workcell.model.robot import serial_robot
 from workcell.motion.body import Upright, column_bounds
 from workcell.motion.cover_proof import CoverProver
 from workcell.motion.path import Path, Trajectory
@@ -184,6 +187,8 @@ def test_bad_input(planar, planar_cover):
         prover.path([[0, 0, 0], [np.nan, 0, 0]])
     with pytest.raises(InputError, match="shape"):
         prover.path([[0, 0], [1, 0]])
+    with pytest.raises(InputError, match="without configurations"):
+        prover.path(np.zeros((0, 3)))
     with pytest.raises(InputError, match="floor"):
         prover.path([[0, 0, 0], [1, 0, 0]], floor=np.nan)
     with pytest.raises(InputError, match="inner"):
@@ -201,10 +206,6 @@ def test_bad_input(planar, planar_cover):
 
 def test_sliding_joints():
     """A carriage with an arm on it: the sphere sits on the sliding axis, and still moves with it."""
-    from dataclasses import replace
-
-    from workcell.model.robot import serial_robot
-
     joints = [
         {"name": name, "xyz": xyz, "quat": [1, 0, 0, 0], "axis": axis, "lower": -2.0, "upper": 2.0}
         for name, xyz, axis in (("slide", [0, 0, 0], [1, 0, 0]), ("turn", [0.1, 0, 0], [0, 0, 1]))
@@ -219,3 +220,20 @@ def test_sliding_joints():
     assert prover.path([[0.0, 1.5], [0.7, 1.5]]).proved
     bound = column_bounds(robot, cover)
     assert np.allclose(bound, [[0, 0], [1, 0], [1, 0.3]])
+
+
+def test_a_slide_beyond_its_limits_proves_nothing():
+    """A turntable with a slide: how fast the tip turns is bounded by how far the slide goes."""
+    joints = [
+        {"name": name, "xyz": [0, 0, 0], "quat": [1, 0, 0, 0], "axis": axis, "lower": -upper, "upper": upper}
+        for name, axis, upper in (("turn", [0, 0, 1], 3.0), ("slide", [1, 0, 0], 0.01))
+    ]
+    robot = replace(serial_robot("table", joints, Pose.identity()), prismatic=np.array([False, True]))
+    cover = SphereCover(np.array([2]), np.zeros((1, 3)), np.array([0.01]))
+    prover = CoverProver(robot, cover, [Piece("wall", "box", Pose.from_xyz([-1.5, 0, 0]), [1.0, 3.0, 3.0])])
+    q = np.array([[-2.9, 1.0], [2.9, 1.0]])
+    with pytest.raises(InputError, match="slide slides to 1 m"):
+        prover.path(q)
+    with pytest.raises(InputError, match="slide slides to 1 m"):
+        prover.motion(PolynomialMotion(np.stack([q[:1], np.diff(q, axis=0)], axis=2), np.ones(1)))
+    assert prover.path([[-2.9, 0.01 + 1e-7], [2.9, 0.01]]).proved

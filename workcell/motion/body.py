@@ -15,7 +15,7 @@ from workcell.errors import InputError
 from workcell.geometry.packing import axis_frames, pack_arm, pack_cover, pack_obstacles
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.problem import Clearance
-from workcell.model.robot import Robot
+from workcell.model.robot import LIMIT_SLACK, Robot
 from workcell.pose import Array, read_only
 from workcell.remember import ByIdentity
 
@@ -197,7 +197,7 @@ _columns = ByIdentity()
 
 
 def column_bounds(robot: Robot, cover: SphereCover) -> Array:
-    """(n + 1, n) upper bounds, over all configurations, on the distance of a link's sphere centres from each joint's axis.
+    """(n + 1, n) upper bounds, over all configurations within the limits of slides, on the distance of a link's sphere centres from each joint's axis.
 
     Row l, column k: at most the radial part of the next joint's origin plus the lengths of the links beyond it; exact
     for the link's own joint. 1 for a prismatic joint, whose column of the Jacobian is a unit vector; 0 for joints
@@ -211,7 +211,9 @@ def _column_bounds(robot: Robot, cover: SphereCover) -> Array:
     n = robot.dof
     turned = axis_frames(robot)
     bound = np.zeros((n + 1, n))
-    travel = np.where(robot.prismatic, np.maximum(np.abs(robot.lower), np.abs(robot.upper)), 0.0)
+    travel = np.where(
+        robot.prismatic, np.maximum(np.abs(robot.lower), np.abs(robot.upper)) + LIMIT_SLACK, 0.0
+    )
     for link in range(1, n + 1):
         centres = cover.centre[cover.link == link]
         if len(centres) == 0:

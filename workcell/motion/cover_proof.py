@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from workcell.errors import InputError
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.problem import Clearance
-from workcell.model.robot import Robot
+from workcell.model.robot import LIMIT_SLACK, Robot
 from workcell.motion.body import BodyClearance, Upright, kernels, pack_body
 from workcell.motion.path import Path, Trajectory
 from workcell.motion.polynomials import PolynomialMotion
@@ -23,6 +23,8 @@ from workcell.pose import Array
 
 FINEST = 1e-9
 """Radians (of all joints together) below which intervals are not divided further."""
+_PARTS = 8
+"""Parts of each piece of a motion on which the travel of slides is bounded."""
 
 
 class CoverProver:
@@ -62,11 +64,14 @@ class CoverProver:
         """Prove that a joint-linear path keeps its clearance above `floor` everywhere, or find where it does not.
 
         Args:
-            path: a `Path`, or corners (k, n).
+            path: a `Path`, or corners (k, n); slides within their limits.
             floor: metres.
             keep: share of the clearance above the floor, in [0, 1), that the margin is to have at the worst place;
                 the nearer to 1, the more configurations are looked at.
             most: configurations to look at before giving up.
+
+        Raises:
+            InputError: no configurations, of the wrong size or not finite, or a slide beyond its limits.
         """
         points = path.configurations if isinstance(path, Path) else np.asarray(path, dtype=float)
         if points.ndim != 2 or points.shape[1] != self.robot.dof or not np.all(np.isfinite(points)):
@@ -75,6 +80,9 @@ class CoverProver:
                 where="path",
                 remedy=f"(k, {self.robot.dof})",
             )
+        if len(points) == 0:
+            raise InputError("a path without configurations proves nothing", where="path")
+        self._check_slides(np.abs(points).max(axis=0), "path")
         if len(points) < 2:
             points = np.repeat(points, 2, axis=0)
         out = np.empty(7)
@@ -99,12 +107,26 @@ class CoverProver:
                 f"the motion moves {motion.coefficients.shape[1]} joints, {self.robot.name} has {self.robot.dof}",
                 where="motion",
             )
+        if np.any(self.robot.prismatic):
+            self._check_slides(motion.divided(_PARTS).largest(0).max(axis=0), "motion")
         out = np.empty(7)
         coefficients = np.ascontiguousarray(motion.coefficients)
         kernels().prove_curves(
             self._floored(floor, keep), coefficients, np.array(motion.durations), keep, FINEST, most, out
         )
         return self._proof(out, floor)
+
+    def _check_slides(self, largest: Array, where: str) -> None:
+        """What carries a slide's links far out turns faster: the bounds hold for slides within their limits alone."""
+        robot = self.robot
+        travel = np.maximum(np.abs(robot.lower), np.abs(robot.upper)) + LIMIT_SLACK
+        beyond = np.flatnonzero(robot.prismatic & (largest > travel))
+        if len(beyond):
+            k = int(beyond[0])
+            raise InputError(
+                f"{robot.joint_names[k]} slides to {largest[k]:.6g} m, outside [{robot.lower[k]:.6g}, {robot.upper[k]:.6g}]",
+                where=where,
+            )
 
     def _floored(self, floor: float, keep: float) -> object:
         if not np.isfinite(floor):

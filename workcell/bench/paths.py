@@ -57,7 +57,8 @@ class PathReport:
 
 
 def path_line(identity: str, plan: PosePlan, duration_s: float | None) -> dict[str, Any]:
-    """The JSON object of one path."""
+    """The JSON object of one path; lengths in radians, those of optimising only where it was asked for."""
+    stats = plan.stats if plan.path is not None else {}
     return {
         "id": identity,
         "status": plan.status.value,
@@ -66,6 +67,9 @@ def path_line(identity: str, plan: PosePlan, duration_s: float | None) -> dict[s
         "time_s": round(plan.stats["time_s"], 6),
         "cpu_s": round(plan.stats["cpu_s"], 6),
         "duration_s": duration_s,
+        "length_rad": stats.get("length"),
+        "first_length_rad": stats.get("first_length"),
+        "lower_bound_rad": stats.get("lower_bound"),
         "margin_m": plan.margin if plan.proved else None,
         "reason": plan.reason,
     }

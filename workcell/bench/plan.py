@@ -21,8 +21,9 @@ from workcell.ik.hjcdik import collect_solutions
 from workcell.ik.problem import Budget
 from workcell.motion.body import BodyClearance, pack_body
 from workcell.motion.cover_proof import CoverProver
+from workcell.motion.goals import GOALS, ROOM
 from workcell.motion.judge import judge_path
-from workcell.motion.poseplan import GOALS, ROOM, plan_to_pose
+from workcell.motion.poseplan import plan_to_pose
 from workcell.pose import Array, Pose
 
 _MBM = (

@@ -22,6 +22,7 @@ from workcell.model.robot import Robot
 from workcell.motion.body import BodyClearance, pack_body
 from workcell.motion.ends import checked_end
 from workcell.motion.poseplan import plan_to_pose
+from workcell.motion.search import Effort
 from workcell.motion.timing import rest_to_rest
 from workcell.pose import Array
 
@@ -36,6 +37,8 @@ class PlanSummary:
         proved: paths proved clear all along.
         cpu_s: (n,) CPU seconds a problem: goals, search and proof.
         length: (k,) of the paths found, radians (L2).
+        first_length, lower_bound: (k,) where paths were optimised: their lengths before, and the lengths of the straight
+            lines to the nearest goals known; else empty.
         wall_s: of the whole run.
     """
 
@@ -46,6 +49,8 @@ class PlanSummary:
     proved: int
     cpu_s: tuple[float, ...]
     length: tuple[float, ...]
+    first_length: tuple[float, ...]
+    lower_bound: tuple[float, ...]
     wall_s: float
 
     def to_json(self) -> dict[str, Any]:
@@ -59,13 +64,21 @@ class PlanSummary:
             "proved": self.proved,
             **cpu_columns(self.cpu_s),
             "cpu_ms_max": 1e3 * max(self.cpu_s, default=float("nan")),
-            "mean_length_rad": float(np.mean(self.length)) if self.length else None,
+            "mean_length_rad": _mean(self.length),
+            "mean_first_length_rad": _mean(self.first_length),
+            "mean_lower_bound_rad": _mean(self.lower_bound),
             "wall_s": self.wall_s,
         }
 
     def rows(self) -> list[tuple[str, object]]:
         """(label, value) for a table."""
         mean, median, p95 = cpu_figures(self.cpu_s)
+        optimised: list[tuple[str, object]] = []
+        if self.first_length:
+            optimised = [
+                ("mean length before optimising, rad", _mean(self.first_length)),
+                ("straight lines to the nearest goals known, rad", _mean(self.lower_bound)),
+            ]
         return [
             ("problems", len(self.cpu_s)),
             *((s.value, self.statuses[s.value]) for s in Status if s.value in self.statuses),
@@ -74,15 +87,21 @@ class PlanSummary:
             ("CPU ms, median", median),
             ("CPU ms, 95 %", p95),
             ("CPU ms, largest", 1e3 * max(self.cpu_s, default=float("nan"))),
-            ("mean length, rad", float(np.mean(self.length)) if self.length else None),
+            ("mean length, rad", _mean(self.length)),
+            *optimised,
             ("wall s", self.wall_s),
         ]
+
+
+def _mean(values: tuple[float, ...]) -> float | None:
+    return float(np.mean(values)) if values else None
 
 
 def plan_set(
     problem_set: ProblemSet,
     *,
     budget: Budget | None = None,
+    effort: Effort | None = None,
     seed: int = 0,
     jobs: int = 1,
     out: Path | None = None,
@@ -93,6 +112,7 @@ def plan_set(
     Args:
         problem_set: as `load_problem_set` reads it; every problem has a start.
         budget: CPU seconds a problem.
+        effort: of the search; its `optimise_s` comes on top of the budget.
         seed: of the run; each problem has its own, derived from it and the id.
         jobs: processes.
         out: JSON lines, one a problem in the set's order, written as `solve_set` writes answers.
@@ -105,8 +125,10 @@ def plan_set(
     """
     check_starts(problem_set)
     started = time.perf_counter()
-    task = _Task(problem_set.problems, budget or Budget(), seed, motion_limits_of(problem_set.robot))
-    statuses, cpu, length, proved = Counter[str](), [], [], 0
+    limits = motion_limits_of(problem_set.robot)
+    task = _Task(problem_set.problems, budget or Budget(), effort or Effort(), seed, limits)
+    statuses, cpu, proved = Counter[str](), [], 0
+    lengths: dict[str, list[float]] = {"length_rad": [], "first_length_rad": [], "lower_bound_rad": []}
     with output_file(out) as file:
         for line in run_lines(task, jobs):
             if file is not None:
@@ -114,8 +136,9 @@ def plan_set(
             statuses[line["status"]] += 1
             proved += bool(line["proved"])
             cpu.append(line["cpu_s"])
-            if line["path"] is not None:
-                length.append(float(np.linalg.norm(np.diff(line["path"], axis=0), axis=1).sum()))
+            for name, values in lengths.items():
+                if line[name] is not None:
+                    values.append(line[name])
             if progress is not None:
                 progress()
     wall = time.perf_counter() - started
@@ -126,7 +149,7 @@ def plan_set(
         dict(statuses),
         proved,
         tuple(cpu),
-        tuple(length),
+        *(tuple(values) for values in lengths.values()),
         wall,
     )
 
@@ -171,6 +194,7 @@ class _Task:
 
     problems: tuple[NamedProblem, ...]
     budget: Budget
+    effort: Effort
     seed: int
     limits: tuple[Array, Array] | None
 
@@ -181,7 +205,11 @@ class _Task:
         named = self.problems[index]
         assert named.start is not None  # `check_starts` saw to it
         plan = plan_to_pose(
-            named.problem, named.start, budget=self.budget, seed=problem_seed(self.seed, named.id)
+            named.problem,
+            named.start,
+            budget=self.budget,
+            seed=problem_seed(self.seed, named.id),
+            effort=self.effort,
         )
         duration = None
         if plan.path is not None and self.limits is not None:

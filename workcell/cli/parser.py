@@ -183,6 +183,20 @@ def _add_solving(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     plan.add_argument(
         "--budget-s", type=_not_negative, default=5.0, metavar="S", help="CPU seconds a problem (default: 5)"
     )
+    plan.add_argument(
+        "--optimise-s",
+        type=_not_negative,
+        default=0.0,
+        metavar="S",
+        help="CPU seconds a problem to spend on shorter and shorter paths, on top of the budget (default: 0)",
+    )
+    plan.add_argument(
+        "--optimise-iterations",
+        type=_positive_int,
+        default=None,
+        metavar="N",
+        help="samples to draw for that, at most; without --optimise-s they alone count, and a seed gives one path",
+    )
     plan.add_argument("--jobs", type=_positive_int, default=1, metavar="N", help="processes (default: 1)")
     plan.add_argument(
         "--out",

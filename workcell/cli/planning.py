@@ -15,14 +15,21 @@ def plan(options: argparse.Namespace) -> int:
     from workcell.bench.planner import plan_set
     from workcell.bench.problems import load_problem_set
     from workcell.ik.problem import Budget
+    from workcell.motion.search import Effort
 
     compile_ahead(SAMPLING)
     problem_set = load_problem_set(Path(options.set))
+    effort = Effort(optimise_s=options.optimise_s)
+    if options.optimise_iterations is not None:
+        effort = Effort(
+            optimise_s=options.optimise_s or float("inf"), optimise_iterations=options.optimise_iterations
+        )
     out = Path(options.out) if options.out else None
     with progress_bar(f"plan {Path(options.set).name}", len(problem_set.problems)) as bar:
         summary = plan_set(
             problem_set,
             budget=Budget(options.budget_s),
+            effort=effort,
             seed=options.seed,
             jobs=options.jobs,
             out=out,

@@ -50,8 +50,9 @@ class Shortened:
 
 
 @functools.cache
-def _prepare() -> None:
-    """Compile (or load from the cache) what only optimising calls."""
+def prepare_optimising() -> None:
+    """Compile (or load from the cache) what optimising calls."""
+    prepare_kernels()
     trees = _new_trees(np.zeros(1), np.zeros((1, 1)), 0, 0)
     kernels().improve(bare_body(), trees, 1.0, 1.0, 0, np.zeros(2, dtype=np.int64))
 
@@ -95,8 +96,7 @@ def optimise(
         or not (np.array_equal(path[0], start) and np.array_equal(path[-1], goals[goal]))
     ):
         raise InputError("the path does not lead from the start to its goal", where="path")
-    prepare_kernels()
-    _prepare()
+    prepare_optimising()
     deadline = time.process_time() + effort.optimise_s
     return _Optimisation(body, start, goals, effort, seed).run(path, goal, deadline)
 

@@ -19,7 +19,7 @@ from workcell.ik.solve import solve
 from workcell.motion.body import BodyClearance, Upright, kernels, pack_body
 from workcell.motion.ends import checked_end
 from workcell.motion.goals import GOALS, ROOM, Goals
-from workcell.motion.optimise import optimise, path_length
+from workcell.motion.optimise import optimise, path_length, prepare_optimising
 from workcell.motion.search import Effort, Found, prepare_kernels, search
 from workcell.pose import Array, read_only
 
@@ -102,7 +102,10 @@ def plan_to_pose(
     """
     prepare_kernels()
     prepare_goals(problem)
-    return _Query(problem, q_start, budget or Budget(), seed, upright, effort or Effort()).run()
+    effort = effort or Effort()
+    if effort.optimises:
+        prepare_optimising()
+    return _Query(problem, q_start, budget or Budget(), seed, upright, effort).run()
 
 
 class _Query:
@@ -181,7 +184,7 @@ class _Query:
         """The shortest path that the means for optimising lead to, in rounds with ever more goals and samples."""
         left = self.effort.optimise_iterations
         deadline = time.process_time() + self.effort.optimise_s
-        if self.effort.optimise_s == 0 or left == 0:
+        if not self.effort.optimises:
             return path
         self.spent["first_length"] = path_length(path)
         self.spent["first_cpu_s"] = time.process_time() - self.cpu

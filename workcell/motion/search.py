@@ -69,6 +69,11 @@ class Effort:
         if min(self.iterations, self.looks, self.shortcuts, self.pulls, self.optimise_iterations) < 0:
             raise InputError("the counts of a search are not negative", where="effort")
 
+    @property
+    def optimises(self) -> bool:
+        """Whether shorter paths are looked for."""
+        return self.optimise_s > 0 and self.optimise_iterations > 0
+
 
 @dataclass(frozen=True, slots=True)
 class Found:

@@ -149,7 +149,9 @@ def plan_set(
         dict(statuses),
         proved,
         tuple(cpu),
-        *(tuple(values) for values in lengths.values()),
+        tuple(lengths["length_rad"]),
+        tuple(lengths["first_length_rad"]),
+        tuple(lengths["lower_bound_rad"]),
         wall,
     )
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workcell.errors import InputError
 from workcell.motion.spline import JointSpline
 from workcell.pose import Array
 
@@ -167,7 +168,15 @@ def rest_to_rest(corners: Array, velocity: Array, acceleration: Array) -> float:
 
     On a line all joints share one s(t): it accelerates, cruises and brakes at the largest rates that the limits (n,) of
     every joint allow.
+
+    Raises:
+        InputError: a limit that is zero, negative or NaN.
     """
+    for name, limits in (("velocity", velocity), ("acceleration", acceleration)):
+        if not np.all(limits > 0):
+            raise InputError(
+                f"{name} limits of {limits.tolist()} allow no motion", where=name, remedy="positive limits"
+            )
     total = 0.0
     for step in np.abs(np.diff(corners, axis=0)):
         moving = step > _SMALLEST

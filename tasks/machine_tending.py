@@ -4,7 +4,7 @@ Everything is planned before anything moves: to the rack, through the door into 
 plan is executed; the chuck closes while the hand still holds the blank, and has to hold it alone once the hand has gone.
 """
 
-from workcell import FollowLimits, Job, PlanningWorld, Pose, line
+from workcell import FollowLimits, Job, PlanningWorld, Pose, actuated, line
 
 LIMITS = FollowLimits(max_step=0.25, clearance=0.002)  # radians between waypoints, metres to keep everywhere
 
@@ -33,8 +33,8 @@ def run(job: Job) -> None:
         inward = (*line(outside, before), *line(before, seated, 0.01)[1:])
         load = job.reach(inserting, up.end, inward, LIMITS, "way into the chuck")
 
-        loaded = scene.moved({blank: seat}).with_start(arm.name, load.end)
-        leaving = PlanningWorld.of(loaded, approached=[blank], seed=job.seed).close_to(task["close_up"])
+        clamped = actuated(scene.moved({blank: seat}), task["chuck"], 1.0).with_start(arm.name, load.end)
+        leaving = PlanningWorld.of(clamped, approached=[blank], seed=job.seed).close_to(task["close_up"])
         outward = (*line(seated, back), *line(back, left)[1:])
         leave = job.follow(leaving, outward, load.end, LIMITS, "way out of the machine")
         job.log_plan(fetch + up + load + leave)

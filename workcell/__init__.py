@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from workcell.ik.verify import verify
     from workcell.ik.why_not import explain
     from workcell.job import Job
+    from workcell.model.grip import actuated
     from workcell.model.load import load_robot
     from workcell.model.robot import Robot
     from workcell.model.scene import Scene
@@ -67,6 +68,7 @@ _HOMES = {
     "explain": "ik.why_not",
     "Job": "job",
     "run_task": "run",
+    "actuated": "model.grip",
     "load_robot": "model.load",
     "Robot": "model.robot",
     "Scene": "model.scene",

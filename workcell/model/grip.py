@@ -1,14 +1,15 @@
-"""A gripper's fingers and its hand, apart from the arm: where they stand, and what a hand would hit at a pose."""
+"""What closes on an object: a gripper's fingers, a chuck's jaws; and what a hand would hit at a pose, apart from its arm."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
+from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from workcell.errors import InputError
+from workcell.errors import InputError, ModelError, UnknownNameError
 from workcell.model.scene import Scene, SceneRobot
 from workcell.pose import Array, Pose
 
@@ -51,35 +52,103 @@ def fingers_holding(scene: Scene, robot: SceneRobot, thing: str, T_tool_object: 
         thing: the object's name.
         T_tool_object: how it stands in the tool's frame.
     """
-    import mujoco
-
-    held, at = scene.object(thing), scene.object(thing).qpos_address
-    if not robot.fingers or at is None:
+    held, stands = scene.object(thing), scene.object(thing).qpos_address
+    if not robot.fingers or stands is None:
         return robot.fingers
-    model, data = scene.model, mujoco.MjData(scene.model)
+    model = scene.model
     qpos = np.array(scene.initial_qpos())
     T_world_object = robot.robot.fk(robot.start) @ T_tool_object
     qpos[robot.qpos_addresses] = robot.start
-    qpos[at : at + 3], qpos[at + 3 : at + 7] = T_world_object.position, T_world_object.quat_wxyz
+    qpos[stands : stands + 3] = T_world_object.position
+    qpos[stands + 3 : stands + 7] = T_world_object.quat_wxyz
     fingers = _solid_geoms(model, {int(model.jnt_bodyid[joint]) for joint in _joints(scene, robot)})
     others = _solid_geoms(model, held.body_ids)
 
-    def free(opening: float) -> bool:
-        for address, value in fingers_at(scene, robot, opening):
+    def at(opening: float) -> Fingers:
+        return fingers_at(scene, robot, opening)
+
+    return at(_first_free(model, qpos, at, fingers, others))
+
+
+def actuated(scene: Scene, actuator: str, share: float) -> Scene:
+    """The same scene once an actuator of the cell, such as a chuck's or a door's, has moved to a share of its range.
+
+    The joints that it drives move together; they stop where one of their bodies first touches an object of the scene.
+
+    Args:
+        scene: the scene.
+        actuator: a position servo of the cell on a joint, or on a fixed tendon of several.
+        share: from 0 to 1.
+
+    Raises:
+        UnknownNameError: no such actuator, or a robot's; InputError: a share outside [0, 1]; ModelError: it drives no joint.
+    """
+    known = scene.actuators()
+    if actuator not in known:
+        raise UnknownNameError("actuator", actuator, known, where=scene.path)
+    if not 0.0 <= share <= 1.0:
+        raise InputError(f"a share of {share}", where="share", remedy="from 0 to 1 of the actuator's range")
+    model, begin = scene.model, scene.initial_qpos()
+    joints, total = _driven(model, known[actuator])
+    if not joints or not total:
+        raise ModelError(f"the actuator {actuator!r} drives no joints", where=scene.path)
+    low, high = model.actuator_ctrlrange[known[actuator]]
+    value = float(low + share * (high - low)) / total
+    wanted = {int(model.jnt_qposadr[j]): float(np.clip(value, *model.jnt_range[j])) for j in joints}
+    bodies = {int(model.jnt_bodyid[joint]) for joint in joints}
+    objects = set[int]().union(*(thing.body_ids for thing in scene.objects.values()))
+
+    def at(left: float) -> Fingers:
+        return tuple((a, float(end + left * (begin[a] - end))) for a, end in wanted.items())
+
+    geoms = _solid_geoms(model, bodies), _solid_geoms(model, objects)
+    placed = dict(scene.placed) | dict(at(_first_free(model, np.array(begin), at, *geoms)))
+    return replace(scene, placed=tuple(placed.items()))
+
+
+def _driven(model: mujoco.MjModel, actuator: int) -> tuple[list[int], float]:
+    """Joints that an actuator moves by its own joint or a fixed tendon, and what its value is of theirs when they move alike."""
+    import mujoco
+
+    target = int(model.actuator_trnid[actuator, 0])
+    if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
+        return [target], 1.0
+    if model.actuator_trntype[actuator] != mujoco.mjtTrn.mjTRN_TENDON:
+        return [], 0.0
+    wraps = range(int(model.tendon_adr[target]), int(model.tendon_adr[target] + model.tendon_num[target]))
+    if any(model.wrap_type[w] != mujoco.mjtWrap.mjWRAP_JOINT for w in wraps):
+        return [], 0.0
+    return [int(model.wrap_objid[w]) for w in wraps], float(sum(model.wrap_prm[w] for w in wraps))
+
+
+def _first_free(
+    model: mujoco.MjModel,
+    qpos: Array,
+    at: Callable[[float], Fingers],
+    movers: Collection[int],
+    others: Collection[int],
+) -> float:
+    """The smallest share of a way, from 1 (open) towards 0, at which no mover touches another geom; `qpos` is changed."""
+    import mujoco
+
+    data = mujoco.MjData(model)
+
+    def free(share: float) -> bool:
+        for address, value in at(share):
             qpos[address] = value
         data.qpos[:] = qpos
         mujoco.mj_kinematics(model, data)
         return all(
-            mujoco.mj_geomDistance(model, data, a, b, 0.001, None) > 0 for a, b in product(fingers, others)
+            mujoco.mj_geomDistance(model, data, a, b, 0.001, None) > 0 for a, b in product(movers, others)
         )
 
     low, high = 0.0, 1.0
     if free(low):
-        return fingers_at(scene, robot, low)
+        return low
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         low, high = (low, middle) if free(middle) else (middle, high)
-    return fingers_at(scene, robot, high)
+    return high
 
 
 def hand_clearance(

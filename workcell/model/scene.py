@@ -78,6 +78,8 @@ class Scene:
         robots, objects, goals: by name.
         obstacles: names of the fixed bodies with collision geometry that belong to no robot and no object.
         task: the `[task]` table of the task file; a key that it lacks raises UnknownNameError.
+        placed: (address in qpos, value) of the cell's own joints that begin elsewhere than the model has them, such as
+            those of a closed chuck (see `workcell.model.grip.actuated`).
     """
 
     name: str
@@ -88,6 +90,7 @@ class Scene:
     goals: Mapping[str, Goal]
     obstacles: tuple[str, ...]
     task: Mapping[str, Any] = field(default_factory=dict)
+    placed: tuple[tuple[int, float], ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("robots", "objects", "goals"):
@@ -155,9 +158,17 @@ class Scene:
         actor.robot.check_limits(q, where=f"start of {robot!r}")
         return replace(self, robots={**self.robots, robot: replace(actor, start=read_only(q))})
 
+    def actuators(self) -> dict[str, int]:
+        """Ids of the cell's own actuators, no robot's among them, by name: a chuck's, a door's."""
+        mine = {int(a) for robot in self.robots.values() for a in robot.actuator_ids}
+        mine |= {self.model.actuator(r.gripper).id for r in self.robots.values() if r.gripper is not None}
+        return {self.model.actuator(a).name: a for a in range(self.model.nu) if a not in mine}
+
     def initial_qpos(self) -> Array:
-        """Raw MuJoCo positions (nq,) with every robot at its start and every object in its place; read-only."""
+        """Raw MuJoCo positions (nq,) as the scene begins, every robot at its start and every object in its place; read-only."""
         qpos = np.array(self.model.qpos0)
+        for address, value in self.placed:
+            qpos[address] = value
         for robot in self.robots.values():
             for address, value in robot.fingers:
                 qpos[address] = value

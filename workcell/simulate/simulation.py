@@ -163,9 +163,7 @@ class Simulation(Stepper):
         Raises:
             UnknownNameError: no such actuator, or a robot's.
         """
-        mine = {int(a) for arm in self.arms.values() for a in arm.robot.actuator_ids}
-        mine |= {arm.hand.actuator for arm in self.arms.values() if arm.hand is not None}
-        names = {self._model.actuator(a).name: a for a in range(self._model.nu) if a not in mine}
+        names = self.scene.actuators()
         if actuator not in names:
             raise UnknownNameError("actuator", actuator, names, where=self.scene.path)
         low, high = self._model.actuator_ctrlrange[names[actuator]]

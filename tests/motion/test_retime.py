@@ -105,6 +105,15 @@ def test_joint_limits_hold_between_waypoints_that_touch_them(planar):
     assert np.array_equal(trajectory.q[0], q[0]) and np.allclose(trajectory.q[-1], q[-1], atol=1e-12)
 
 
+def test_a_path_that_ends_at_a_limit_along_which_it_runs(planar):
+    """The end stays where it is; the corner before it takes many small moves to make room."""
+    q = np.array([[3, -2.875, 0], [3, -3, 0.1], [2.998, -3, 0.5]])
+    trajectory = retime(Path(planar, q), 1.0, 5.0)
+    assert np.all(planar.within_limits(trajectory.q))
+    assert np.abs(trajectory.q - q[1]).max(axis=1).min() < 5e-3
+    assert np.array_equal(trajectory.q[0], q[0]) and np.allclose(trajectory.q[-1], q[-1], atol=1e-12)
+
+
 def test_joint_limits_hold_between_corners_at_the_limits(arm7):
     """The spline's own extremes count: looked at in 24 places an interval, this one exceeds a limit by 5e-6 rad."""
     rng = np.random.default_rng(3)

@@ -14,7 +14,7 @@ from workcell.pose import Array
 _RINGING = 0.05
 """Corner angle times segment length (radians squared) from which a corner gets support points: 1 mrad off the line."""
 _SMALLEST = 1e-12
-_ROUNDS = 6
+_ROUNDS = 40
 """Rounds of moving points to bring a spline inside the joint limits."""
 
 

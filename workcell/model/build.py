@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workcell.errors import InputError, ModelError, UnknownNameError
-from workcell.model.compiled import actuator_of_joint, link_bodies, robot_from_model
+from workcell.model.actuators import actuator_of_joint
+from workcell.model.compiled import link_bodies, robot_from_model
 from workcell.model.data import find_asset, find_task, is_path, list_assets, list_tasks
 from workcell.model.load import compile_spec, load_spec
 from workcell.model.scene import Goal, Scene, SceneObject, SceneRobot, site_pose
@@ -26,7 +27,9 @@ GRASP = "grasp:{robot}:{object}"
 def build_scene(source: str | Path, robot: str | None, seed: int | None = None) -> Scene:
     """See `Scene.load`."""
     task = _task_of(source, robot)
-    return _compiled(load_spec(task.cell, kind="cells", relative_to=task.path.parent), task, seed)
+    where = f"{task.path}: cell" if task.cell != str(task.path) else None
+    cell = load_spec(task.cell, kind="cells", relative_to=task.path.parent, where=where)
+    return _compiled(cell, task, seed)
 
 
 def _compiled(spec: mujoco.MjSpec, task: TaskFile, seed: int | None = None) -> Scene:
@@ -93,10 +96,11 @@ def _task_of(source: str | Path, robot: str | None) -> TaskFile:
 
 def _attach_robot(spec: mujoco.MjSpec, entry: RobotEntry, task: TaskFile) -> dict[str, float]:
     """Mount a robot (and its gripper) in the cell; returns its home values by joint name."""
-    arm = load_spec(entry.model, relative_to=task.path.parent)
+    where = f"{task.path}: robot {entry.name!r}"
+    arm = load_spec(entry.model, relative_to=task.path.parent, where=f"{where} model")
     home = _take_home(arm, entry.model)
     if entry.gripper is not None:
-        gripper = load_spec(entry.gripper, relative_to=task.path.parent)
+        gripper = load_spec(entry.gripper, relative_to=task.path.parent, where=f"{where} gripper")
         home |= {f"gripper/{joint}": value for joint, value in _take_home(gripper, entry.gripper).items()}
         site = arm.site(entry.gripper_site)
         if site is None:
@@ -127,7 +131,8 @@ def _variation(entry: ObjectEntry, index: int, seed: int | None) -> Pose:
 
 
 def _attach_object(spec: mujoco.MjSpec, entry: ObjectEntry, task: TaskFile, moved: Pose) -> None:
-    model = load_spec(entry.model, kind="objects", relative_to=task.path.parent)
+    where_from = f"{task.path}: object {entry.name!r} model"
+    model = load_spec(entry.model, kind="objects", relative_to=task.path.parent, where=where_from)
     roots = list(model.worldbody.bodies)
     if len(roots) != 1:
         raise ModelError(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workcell.errors import ModelError, UnknownNameError
+from workcell.model.actuators import actuator_of_joint, effort_limits
 from workcell.model.robot import Robot, Tool
 from workcell.pose import Array, Pose, axis_angle_to_matrix
 
@@ -77,7 +78,7 @@ def robot_from_model(
         upper=upper,
         velocity=_numeric_limits(model, walk.joints, VELOCITY),
         acceleration=_numeric_limits(model, walk.joints, ACCELERATION),
-        effort=_effort(model, walk.joints),
+        effort=effort_limits(model, walk.joints),
         tools=tools,
         default_tool=model.site(site).name.removeprefix(prefix),
         T_world_base=_pose_of_fixed_body(model, path[0]),
@@ -226,17 +227,6 @@ def _is_actuated(model: mujoco.MjModel, joint: int) -> bool:
     return actuator_of_joint(model, joint) is not None
 
 
-def actuator_of_joint(model: mujoco.MjModel, joint: int) -> int | None:
-    """The actuator that drives a joint directly, or None."""
-    import mujoco
-
-    for actuator in range(model.nu):
-        direct = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
-        if direct and int(model.actuator_trnid[actuator, 0]) == joint:
-            return actuator
-    return None
-
-
 def _limits(model: mujoco.MjModel, joints: Sequence[int]) -> tuple[Array, Array]:
     """Position limits; an unlimited hinge gets one turn either way of zero, since workcell needs finite limits."""
     lower, upper = [], []
@@ -260,19 +250,6 @@ def _numeric_limits(model: mujoco.MjModel, joints: Sequence[int], suffix: str) -
     for joint in joints:
         numeric = names.get(model.joint(joint).name + suffix)
         values.append(np.inf if numeric is None else float(model.numeric_data[model.numeric_adr[numeric]]))
-    return np.array(values)
-
-
-def _effort(model: mujoco.MjModel, joints: Sequence[int]) -> Array:
-    values = []
-    for joint in joints:
-        actuator = actuator_of_joint(model, joint)
-        bounds = [np.inf]
-        if model.jnt_actfrclimited[joint]:
-            bounds.append(float(np.abs(model.jnt_actfrcrange[joint]).min()))
-        if actuator is not None and model.actuator_forcelimited[actuator]:
-            bounds.append(float(np.abs(model.actuator_forcerange[actuator]).min()))
-        values.append(min(bounds))
     return np.array(values)
 
 

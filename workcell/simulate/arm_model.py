@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workcell.errors import ModelError
+from workcell.model.actuators import is_motor
 from workcell.model.scene import SceneRobot
 from workcell.pose import Array, matrix_to_quat
 from workcell.simulate.imperfections import Imperfections
@@ -151,13 +152,8 @@ def combined_inertia(masses: Array, centres: Array, inertias: Array) -> tuple[fl
 
 
 def _motor_gears(model: mujoco.MjModel, robot: SceneRobot) -> Array:
-    import mujoco
-
     for actuator in robot.actuator_ids:
-        fixed = model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
-        unbiased = model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE
-        static = model.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_NONE
-        if not (fixed and unbiased and static):
+        if not is_motor(model, int(actuator)):
             raise ModelError(
                 f"the actuator {model.actuator(actuator).name!r} is not a torque motor",
                 remedy="the controllers need <motor> actuators on the arm's joints",

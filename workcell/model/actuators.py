@@ -1,0 +1,56 @@
+"""What drives a compiled model's joints, and how strong it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from workcell.pose import Array
+
+if TYPE_CHECKING:
+    import mujoco
+
+
+def actuator_of_joint(model: mujoco.MjModel, joint: int) -> int | None:
+    """The actuator that drives a joint directly, or None."""
+    import mujoco
+
+    for actuator in range(model.nu):
+        direct = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
+        if direct and int(model.actuator_trnid[actuator, 0]) == joint:
+            return actuator
+    return None
+
+
+def is_motor(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether an actuator's force is its control value times a constant."""
+    import mujoco
+
+    fixed = model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
+    unbiased = model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE
+    static = model.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_NONE
+    return bool(fixed and unbiased and static)
+
+
+def effort_limits(model: mujoco.MjModel, joints: Sequence[int]) -> Array:
+    """(k,) largest torques (forces) on joints; inf where neither the joint nor its actuator has a limit.
+
+    An actuator's force and a motor's control value act through its gear.
+    """
+    values = []
+    for joint in joints:
+        actuator = actuator_of_joint(model, joint)
+        bounds = [np.inf]
+        if model.jnt_actfrclimited[joint]:
+            bounds.append(float(np.abs(model.jnt_actfrcrange[joint]).min()))
+        if actuator is not None:
+            gear = abs(float(model.actuator_gear[actuator, 0]))
+            if model.actuator_forcelimited[actuator]:
+                bounds.append(gear * float(np.abs(model.actuator_forcerange[actuator]).min()))
+            if model.actuator_ctrllimited[actuator] and is_motor(model, actuator):
+                gain = abs(float(model.actuator_gainprm[actuator, 0]))
+                bounds.append(gear * gain * float(np.abs(model.actuator_ctrlrange[actuator]).min()))
+        values.append(min(bounds))
+    return np.array(values)

@@ -8,8 +8,12 @@ simulation watches it, and judges how far it did.
 from workcell import FREE, FollowLimits, Job, PathTolerance, PlanningWorld, Pose, Scene, line, turned
 
 LIMITS = FollowLimits(max_step=0.2, clearance=0.002)  # radians between waypoints, metres to keep everywhere
-TRANSFER = FollowLimits(max_step=0.2, clearance=0.002, deviation_m=0.01, deviation_rad=0.05)  # need not be straight
-LEVEL = PathTolerance(rotation=(0.0, 0.0, FREE), frame="world")  # a part may be turned on its way, but not tilted
+TRANSFER = FollowLimits(
+    max_step=0.2, clearance=0.002, deviation_m=0.01, deviation_rad=0.05
+)  # need not be straight
+LEVEL = PathTolerance(
+    rotation=(0.0, 0.0, FREE), frame="world"
+)  # a part may be turned on its way, but not tilted
 
 
 def plan_part(job: Job, scene: Scene, part: str):

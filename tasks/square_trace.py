@@ -4,8 +4,6 @@ The stylus stays normal to the square's plane; how far it is turned about its ow
 leads round all four sides, and is timed side by side: the arm comes to rest in each corner, so that none is cut.
 """
 
-from itertools import pairwise
-
 import numpy as np
 
 from workcell import FREE, FollowLimits, Job, PathTolerance, PlanningWorld, Pose, distance_to_path, polyline
@@ -30,9 +28,7 @@ def run(job: Job) -> None:
         there = job.move(world, arm.start, outline.start, "way to the square")
         job.log_plan(there + outline)
         approach = job.retime(world, there, 2 * speed, "motion to the square")
-        at = [int(np.argmin(away)) for away in distances(outline, corners)]
-        at[0], at[-1] = 0, len(outline) - 1  # one place, twice
-        sides = [outline.part(i, j) for i, j in pairwise(at)]
+        sides = outline.split([corner.position for corner in corners[1:-1]])
         drawn = [job.retime(world, side, speed, f"motion along side {k + 1}") for k, side in enumerate(sides)]
 
     with job.phase("execution"):
@@ -56,12 +52,6 @@ def run(job: Job) -> None:
                 "every corner is reached to 0.5 mm": bool(missed <= 5e-4),
             },
         )
-
-
-def distances(path, corners: list[Pose]) -> list[np.ndarray]:
-    """How far the tool is from each corner at every waypoint."""
-    tools = path.robot.fk_transform(path.configurations)[:, :3, 3]
-    return [np.linalg.norm(tools - corner.position, axis=1) for corner in corners]
 
 
 def drawing(job: Job) -> tuple[Pose, float]:

@@ -61,6 +61,7 @@ class Job:
         began: `time.perf_counter()` when the run began.
         sim_time: seconds simulated so far, the time of the events that are logged.
         ways: tool positions (k, 3) of the plans logged so far, by the robot's name.
+        trying: whether what is planned now is a try (see `can`).
     """
 
     scene: Scene
@@ -73,9 +74,12 @@ class Job:
     began: float
     sim_time: float = 0.0
     ways: dict[str, list[Array]] = field(default_factory=dict)
+    trying: bool = False
 
     def say(self, text: str, level: str = "INFO") -> None:
         """One line of the story, on the terminal and in the recording's log."""
+        if self.trying:
+            return
         self.recording.event(self.sim_time, text, level)
         self.tell(f"[{time.perf_counter() - self.began:6.2f} s] {text}")
 
@@ -151,20 +155,20 @@ class Job:
         *,
         tolerance: PathTolerance | None = None,
         q_start: Array | None = None,
-        begins: Callable[[Array], bool] | None = None,
+        begins: Callable[[Array], object] | None = None,
     ) -> Path:
         """A continuous joint path along tool poses, from the start that leads all the way (or from the given one).
 
-        Without `begins`, it begins at a configuration that `move` can get to from where the robot stands.
+        Of the starts (n,) one is taken for which `begins`, a part of the plan, can be made; None: to which the robot can
+        `move` from where it stands.
         """
-        if begins is None and q_start is None:
-            begins = functools.partial(self.gets_to, world, world.robot.start)
+        begins = begins or functools.partial(self._begin, world)
         result = route(
             world.problem(poses[0]),
             poses,
             q_start,
             q_near=world.robot.start,
-            begins=begins,
+            begins=functools.partial(self.can, begins) if q_start is None else None,
             tolerance=tolerance,
             limits=limits,
             solver=self.planner,
@@ -186,15 +190,26 @@ class Job:
     @asks
     def move(self, world: PlanningWorld, q_from: Array, q_to: Array, what: str) -> Path:
         """A collision-free joint path between two configurations; without one the task ends with the reason."""
-        found = plan_in_world(world, q_from, q_to, settings=MOVING, seed=self.seed)
+        settings = LOOKING if self.trying else MOVING
+        found = plan_in_world(world, q_from, q_to, settings=settings, seed=self.seed)
         if found.path is None:
             self.fail(found.status.value, f"{what}: {found.detail}. {found.status.sentence}")
         self.say(f"{what}: {len(found.path)} waypoints, proved clear")
         return found.path
 
-    def gets_to(self, world: PlanningWorld, q_from: Array, q_to: Array) -> bool:
-        """Whether a quick search finds what `move` looks for: a collision-free joint path between two configurations."""
-        return plan_in_world(world, q_from, q_to, settings=LOOKING, seed=self.seed).planned
+    def _begin(self, world: PlanningWorld, q: Array) -> Path:
+        return self.move(world, world.robot.start, q, "way to the start")
+
+    def can(self, plan: Callable[..., object], *arguments: object) -> bool:
+        """Whether a part of the plan, such as `move`, can be made: a quick try that is not told and does not end the task."""
+        self.trying = True
+        try:
+            plan(*arguments)
+        except TaskFailedError:
+            return False
+        finally:
+            self.trying = False
+        return True
 
     @asks
     def reach(
@@ -260,14 +275,19 @@ class Job:
         return trajectory
 
     def timed(
-        self, stretches: Sequence[tuple[PlanningWorld, Path]], tool_speed: float, what: str
+        self,
+        stretches: Sequence[tuple[PlanningWorld, Path]],
+        tool_speed: float,
+        what: str,
+        *,
+        acceleration: float | None = None,
     ) -> list[Trajectory]:
         """The motions along stretches of one way, each as `retime` makes it in its own world; the way is logged."""
-        way = stretches[0][1]
-        for _, path in stretches[1:]:
-            way += path
-        self.log_plan(way)
-        return [self.retime(world, path, tool_speed, what) for world, path in stretches]
+        for _, path in stretches:
+            self.log_plan(path)
+        return [
+            self.retime(world, path, tool_speed, what, acceleration=acceleration) for world, path in stretches
+        ]
 
     @asks
     def carry(

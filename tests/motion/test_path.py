@@ -67,3 +67,18 @@ def test_trajectories_are_evenly_sampled():
     still = stationary("arm", [1.0, 2.0], 0.1)
     assert still.duration == pytest.approx(0.1) and still.dt == pytest.approx(0.002)
     assert np.all(still.q == [1.0, 2.0]) and not still.qd.any()
+
+
+def test_a_path_is_split_where_the_tool_is_nearest(planar):
+    """A planar arm that turns about its base: places on its circle lie at known waypoints."""
+    angles = np.linspace(0.0, 1.0, 11)
+    path = Path(planar, np.stack([angles, np.zeros(11), np.zeros(11)], axis=1))
+    reach = planar.fk(path.start).position[0]
+    places = [[reach * np.cos(a), reach * np.sin(a), 0.01] for a in (0.31, 0.68)]
+    parts = path.split(places)
+    assert [len(part) for part in parts] == [4, 5, 4]
+    assert np.allclose(parts[0].end, [0.3, 0, 0]) and np.allclose(parts[2].start, [0.7, 0, 0])
+    whole = parts[0] + parts[1] + parts[2]
+    assert np.array_equal(whole.configurations, path.configurations)
+    with pytest.raises(InputError, match="waypoints nearest to the places"):
+        path.split(places[::-1])

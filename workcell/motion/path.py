@@ -79,6 +79,28 @@ class Path:
         rows = slice(first, last + 1)
         return Path(self.robot, self.configurations[rows], self.tool_poses[rows])
 
+    def split(self, places: ArrayLike) -> list[Path]:
+        """The stretches between the waypoints at which the tool is nearest to some places.
+
+        Args:
+            places: (k, 3) in the world, in the order in which the tool comes to them; not the path's ends.
+
+        Raises:
+            InputError: two places with one waypoint nearest to both, or in another order.
+        """
+        tools = self.robot.fk_transform(self.configurations)[:, :3, 3]
+        rows = [
+            int(np.argmin(np.linalg.norm(tools - place, axis=1))) for place in np.asarray(places, dtype=float)
+        ]
+        ends = [0, *rows, len(self) - 1]
+        if any(first >= last for first, last in pairwise(ends)):
+            raise InputError(
+                f"the waypoints nearest to the places are {ends}",
+                where="split",
+                remedy="name places along the path, in its order, apart from each other and from its ends",
+            )
+        return [self.part(first, last) for first, last in pairwise(ends)]
+
     @property
     def start(self) -> Array:
         """(n,) the first configuration."""

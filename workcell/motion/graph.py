@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from workcell.model.robot import Robot
 from workcell.motion.local import LocalTracker, Tracked
 from workcell.motion.metrics import limit_distance, manipulability
 from workcell.pose import Array, Pose
@@ -169,17 +170,22 @@ class RouteSearch:
 
     def _cost(self, q: Array, motion: Array, clearance: float) -> float:
         """Radians of travel (the largest joint's), dearer near limits, singularities and obstacles."""
-        robot = self.tracker.template.robot
         travel = np.abs(np.diff(np.vstack([q, motion]), axis=0)).max(axis=1)
-        near = np.stack(
-            [
-                _COMFORT[0] / np.maximum(limit_distance(robot, motion), 1e-9),
-                np.full(len(motion), _COMFORT[1] / max(clearance, 1e-9)),
-                _COMFORT[2] / np.maximum(manipulability(robot, motion), 1e-12),
-            ]
-        )
-        dear = 1.0 + np.minimum(near**2, _DEAREST).sum(axis=0)
+        dear = dearness(self.tracker.template.robot, motion, np.full(len(motion), clearance))
         return float((travel * dear).sum())
+
+
+def dearness(robot: Robot, q: Array, clearance: Array) -> Array:
+    """(k,) what a radian costs at configurations (k, n) with that much clearance (k,): 1, or more near what to avoid."""
+    near = np.stack(
+        [
+            _COMFORT[0] / np.maximum(limit_distance(robot, q), 1e-9),
+            _COMFORT[1] / np.maximum(clearance, 1e-9),
+            _COMFORT[2] / np.maximum(manipulability(robot, q), 1e-12),
+        ]
+    )
+    dear: Array = 1.0 + np.minimum(near**2, _DEAREST).sum(axis=0)
+    return dear
 
 
 def _distinct(nodes: list[_Node]) -> list[_Node]:

@@ -205,6 +205,31 @@ class LocalTracker:
             done += len(furthest.configurations)
             q = furthest.configurations[-1]
 
+    def moved(self, pose: Pose, starts: Array, wishes: Array, lane: int = 0) -> tuple[NDArray[np.bool_], Array, Array]:
+        """From each of many configurations (k, n) to one pose, with what a wish (k, n) has that leaves the tool there.
+
+        Returns:
+            (k,) whether the pose was reached within `max_step`, clear in the model of that lane; (k, n) configurations;
+            (k,) metres of clearance in that model.
+        """
+        out, report = np.empty(starts.shape), np.empty((len(starts), 2))
+        world = self._worlds[min(lane, len(self._worlds) - 1)]
+        _kernels().move(
+            self._arm, world, frames([pose])[0], self._box, self._max_step, ACCURACY,
+            np.ascontiguousarray(starts), np.ascontiguousarray(wishes), out, report,
+        )  # fmt: skip
+        return report[:, 0] == _kernels().REACHED, out, report[:, 1]
+
+    @property
+    def largest(self) -> float:
+        """Radians: the smallest of the joints' largest steps."""
+        return float(self._max_step.min())
+
+    @property
+    def lanes(self) -> int:
+        """How many models there are to track in."""
+        return len(self._worlds)
+
     def manipulability(self, poses: Sequence[Pose], q: Array) -> Array:
         """(k,) sqrt(det(J J^T)) of the coordinates without tolerance at each q (k, n) and its pose; radians weigh 0.3 m."""
         out = np.empty(len(q))

@@ -172,6 +172,31 @@ def track(
 
 
 @kernel
+def move(
+    arm: Arm, world: World, target: Array, box: Array, max_step: Array, accuracy: float, starts: Array, wishes: Array,
+    out: Array, report: Array
+) -> None:  # fmt: skip
+    """From each of the starts (k, n) to one target (12,), with the part of a wish (k, n) that leaves the tool there.
+
+    Args:
+        target, box, max_step, accuracy: as of `track`.
+        out: (k, n) configurations; report: (k, 2) code and clearance (metres).
+    """
+    n = starts.shape[1]
+    space = new_room(n)
+    low, high = np.empty(n), np.empty(n)
+    for i in range(starts.shape[0]):
+        q = out[i]
+        for k in range(n):
+            q[k] = starts[i, k]
+            low[k] = max(arm.bounds[0, k], q[k] - max_step[k])
+            high[k] = min(arm.bounds[1, k], q[k] + max_step[k])
+            space.wish[k] = wishes[i, k]
+        code, _, gap = _settle(arm, world, target, box, low, high, accuracy, q, space)
+        report[i, 0], report[i, 1] = float(code), gap
+
+
+@kernel
 def volumes(arm: Arm, targets: Array, box: Array, q: Array, out: Array) -> None:
     """Into out (k,): manipulability of the coordinates without tolerance at each q (k, n) and its target (k, 12)."""
     space = new_room(q.shape[1])

@@ -110,10 +110,12 @@ def test_no_continuous_motion_is_told_from_no_configuration(elbow):
     starts = closed_form(elbow, poses[0])[inside[0]]
     limits = FollowLimits(max_step=0.5, deviation_m=0.05, deviation_rad=0.1)
     result = route(IKProblem(elbow, poses[0]), poses, starts[0], limits=limits)
-    assert result.status is FollowStatus.NO_CONTINUOUS_MOTION and result.path is None
+    assert result.status is FollowStatus.NO_CONTINUOUS_MOTION
     first = int(np.flatnonzero(~inside[:, int(np.flatnonzero(inside[0])[0])])[0])
     assert result.failure.waypoint == first and "joint limit" in result.failure.detail
-    assert "motions tried" in result.failure.detail and f"pose {first} " in result.tried[0]
+    assert "No continuous motion was found among" in result.failure.detail
+    assert f"pose {first} " in result.tried[0]
+    assert result.path.tool_poses[-1] is poses[first - 1] and result.failure.fraction < 1
 
 
 def test_what_the_truth_forbids_is_no_route(elbow, turning):

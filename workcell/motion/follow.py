@@ -120,7 +120,7 @@ def diagnose(solver: Solver, template: IKProblem, pose: Pose, q_before: Array, m
         replace(free, cover=None, checker=None, obstacles=(), free_space=None, self_collision=None)
     )
     if alone.status is Status.UNREACHABLE:
-        detail = "no configuration reaches this pose (certified)"
+        detail = f"no configuration reaches this pose (certified){_proof_of(alone)}"
         return _StepError(FollowStatus.UNREACHABLE, pose, detail, alone)
     if not alone.solved:
         return _StepError(
@@ -135,9 +135,15 @@ def diagnose(solver: Solver, template: IKProblem, pose: Pose, q_before: Array, m
         )
         return _StepError(FollowStatus.STEP_TOO_LARGE, pose, detail, anywhere)
     if anywhere.status in (Status.BLOCKED, Status.BLOCKED_IN_MODEL):
-        return _StepError(FollowStatus(anywhere.status.value), pose, anywhere.status.sentence, anywhere)
+        detail = f"{anywhere.status.sentence}{_proof_of(anywhere)}"
+        return _StepError(FollowStatus(anywhere.status.value), pose, detail, anywhere)
     detail = f"no collision-free configuration was found ({anywhere.status.value})"
     return _StepError(FollowStatus.NOT_FOUND, pose, detail, anywhere)
+
+
+def _proof_of(answer: IKResult) -> str:
+    """What was proved, to go behind a sentence; nothing where no certificate is at hand."""
+    return "" if answer.certificate is None else f" Proved: {answer.certificate.statement}"
 
 
 class _StepError(Exception):
@@ -146,6 +152,18 @@ class _StepError(Exception):
     def __init__(self, status: FollowStatus, pose: Pose, detail: str, ik: IKResult | None = None) -> None:
         self.status, self.pose, self.detail, self.ik = status, pose, detail, ik
         super().__init__(detail)
+
+
+def check_start(template: IKProblem, tolerance: PathTolerance, pose: Pose, q: Array) -> None:
+    """Raise InputError unless q (n,) is within the limits and has the tool at the path's first pose."""
+    template.robot.check_limits(q, where="q_start")
+    distance, angle = tolerance.excess(pose, template.robot.fk(q))
+    if distance > 10 * template.tolerances.position or angle > 10 * template.tolerances.rotation:
+        raise InputError(
+            f"the tool is {1000 * distance:.2f} mm and {angle:.4f} rad away from the path's first pose",
+            where="q_start",
+            remedy="solve the inverse kinematics of the first pose and start there",
+        )
 
 
 @dataclass(slots=True)
@@ -163,7 +181,7 @@ class _Tracker:
     solved: int = 0
 
     def run(self, tool_poses: tuple[Pose, ...], q_start: Array) -> FollowResult:
-        self._check_start(tool_poses[0], q_start)
+        check_start(self.template, self.tolerance, tool_poses[0], q_start)
         checker = self.template.checker
         self._append(tool_poses[0], q_start, Clearance(float("nan")) if checker is None else checker(q_start))
         status, failure = FollowStatus.FOLLOWED, None
@@ -182,18 +200,6 @@ class _Tracker:
         evaluations = sum(proof.evaluations for proof in self.proofs)
         metrics = measured(path, smallest(self.clearances), between, evaluations)
         return FollowResult(status, path, failure, metrics, self.solved)
-
-    def _check_start(self, pose: Pose, q: Array) -> None:
-        robot = self.template.robot
-        robot.check_limits(q, where="q_start")
-        distance, angle = self.tolerance.excess(pose, robot.fk(q))
-        tolerances = self.template.tolerances
-        if distance > 10 * tolerances.position or angle > 10 * tolerances.rotation:
-            raise InputError(
-                f"the tool is {1000 * distance:.2f} mm and {angle:.4f} rad away from the path's first pose",
-                where="q_start",
-                remedy="solve the inverse kinematics of the first pose and start there",
-            )
 
     def _append(self, pose: Pose, q: Array, clearance: Clearance) -> None:
         """A waypoint: the pose of the path, the allowed one where the tool is, and the clearance."""

@@ -1,9 +1,8 @@
-"""A layered graph of configurations along a tool path: which start, and which self-motions, lead all the way.
+"""A layered graph of configurations along a tool path: which start leads all the way.
 
 Some poses of the path are layers. A node is a configuration at a layer that was reached by continuous local tracking
 from a node of the layer before (`workcell.motion.local`); an edge is that motion. From each node tracking goes on freely
-(away from limits, singularities and obstacles), and, where configurations of the next layer have been sampled, drawn
-towards the nearest of them. So whatever route the graph holds is continuous; the cheapest is wanted.
+(away from limits, singularities and obstacles). So whatever route the graph holds is continuous; the cheapest is wanted.
 """
 
 from __future__ import annotations
@@ -16,14 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.model.robot import Robot
-from workcell.motion.local import LocalTracker, Tracked
+from workcell.motion.local import LocalTracker
 from workcell.motion.metrics import limit_distance, manipulability
 from workcell.pose import Array, Pose
 
 WIDTH = 16
 """Nodes kept in a layer, the cheapest first."""
-DRAWN = 3
-"""Sampled configurations of the next layer that tracking is drawn to from one node."""
 SAME = 0.03
 """Radians in every joint within which two nodes are one."""
 _COMFORT = (0.1, 0.02, 3e-4)
@@ -102,14 +99,12 @@ class RouteSearch:
     Attributes:
         tracker: local tracking in the robot's world.
         poses: of the path.
-        samples: for a row of `poses`, configurations (n,) there to be drawn to; None: there are none.
         clear: clearance (metres) of a configuration (n,), by the problem's own truth; None: it is not asked.
         floor: metres to keep by that truth.
     """
 
     tracker: LocalTracker
     poses: Sequence[Pose]
-    samples: Callable[[int], Sequence[Array]] | None = None
     clear: Callable[[Array], float] | None = None
     floor: float = 0.0
     nodes: int = 0
@@ -122,7 +117,8 @@ class RouteSearch:
         self.nodes, self.edges, self.ends = len(layer), 0, {}
         rows = layers_of(len(self.poses))
         for before, row in pairwise(rows):
-            arrivals = [node for origin in layer for node in self._onwards(origin, int(before), int(row))]
+            tried = [self._onwards(origin, int(before), int(row)) for origin in layer]
+            arrivals = [node for node in tried if node is not None]
             layer = _distinct(sorted(arrivals, key=lambda node: node.cost))[:WIDTH]
             self.nodes += len(layer)
         complete = tuple(Route(_unrolled(node), node.cost, node.start) for node in layer)
@@ -130,38 +126,25 @@ class RouteSearch:
         ends = tuple(end for start, end in sorted(self.ends.items()) if start not in through)
         return Routes(complete, ends, self.nodes, self.edges)
 
-    def _onwards(self, origin: _Node, before: int, row: int) -> list[_Node]:
-        """Nodes of the next layer that one node leads to."""
-        poses = self.poses[before + 1 : row + 1]
-        found: list[_Node] = []
-        tracked = self.tracker.track_anyhow(poses, origin.q)
-        self._arrive(origin, before, poses, tracked, found)
-        targets = [] if self.samples is None else list(self.samples(row))
-        targets.sort(key=lambda q: float(np.abs(q - origin.q).max()))
-        for target in targets[:DRAWN]:
-            drawn = self.tracker.track(poses, origin.q, towards=target)
-            self._arrive(origin, before, poses, drawn, found)
-        return found
-
-    def _arrive(
-        self, origin: _Node, before: int, poses: Sequence[Pose], tracked: Tracked, found: list[_Node]
-    ) -> None:
-        """A node where tracking reached the next layer clear; a dead end otherwise."""
+    def _onwards(self, origin: _Node, before: int, row: int) -> _Node | None:
+        """The node of the next layer that one node leads to; None, and a dead end, where tracking doesn't get there clear."""
         self.edges += 1
+        poses = self.poses[before + 1 : row + 1]
+        tracked = self.tracker.track_anyhow(poses, origin.q)
         motion = tracked.configurations
         if not tracked.complete:
             at = before + 1 + len(motion)
             q_before = motion[-1] if len(motion) else origin.q
             why = self.tracker.why(self.poses[at], tracked, q_before)
             self._note(DeadEnd(origin.start, at, np.concatenate([_unrolled(origin), motion]), why))
-            return
+            return None
         clearance = np.inf if self.clear is None else self.clear(motion[-1])
         if clearance < self.floor:
             why = f"only {1e3 * clearance:.1f} mm of clearance are left"
             self._note(DeadEnd(origin.start, before + len(motion), _unrolled(origin), why))
-            return
+            return None
         cost = origin.cost + self._cost(origin.q, motion, min(clearance, tracked.clearance))
-        found.append(_Node(motion[-1], motion, cost, origin.start, origin))
+        return _Node(motion[-1], motion, cost, origin.start, origin)
 
     def _note(self, end: DeadEnd) -> None:
         known = self.ends.get(end.start)

@@ -18,17 +18,14 @@ from numpy.typing import NDArray
 
 from workcell.ahead import TRACKING, wait_for
 from workcell.geometry.packing import pack_arm
-from workcell.geometry.self_collision import self_collision_pairs
-from workcell.geometry.types import SphereCover
-from workcell.ik.packing import empty_world, one_joint, pack_world
+from workcell.ik.packing import empty_world, one_joint
 from workcell.ik.problem import IKProblem
-from workcell.model.contact import CollisionModel
+from workcell.motion.lanes import worlds
 from workcell.motion.toolpath import PathTolerance
 from workcell.pose import Array, Pose
-from workcell.remember import ByIdentity
 
 if TYPE_CHECKING:
-    from workcell.ik.kernels.options import World
+    pass
 
 ACCURACY = 1e-7
 """Metres of error (a radian weighs 0.3 m) to which the tool is brought onto its pose."""
@@ -36,15 +33,6 @@ NEAR_LIMIT = 2e-3
 """Radians or metres from a joint limit that count as standing at it."""
 SINGULAR = 1e-4
 """Manipulability below which an arm is called singular."""
-
-
-ROOM, GENEROUS = 1e-3, 6e-3
-"""Metres of clearance beyond what is asked for that waypoints keep where they can: what lies between them needs some."""
-_SAMPLES = 200
-"""Configurations that tell which pairs of spheres always touch."""
-_SMALLEST = 1e-5
-"""Metres: radius that a sphere keeps when its overshoot is taken away."""
-_pairs, _bare_covers = ByIdentity(), ByIdentity()
 
 
 @functools.cache
@@ -65,12 +53,14 @@ def prepare_kernels() -> None:
     """Compile what tracks, or load it from the cache."""
     wait_for(TRACKING)
     kernels, none = _kernels(), np.zeros((0, 12))
-    beside = kernels.Aside(np.zeros(1), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    beside = kernels.Aside(0.0, 0.0, 0.0, 0.0, 0.0)
     arm, box, step = one_joint(), np.zeros(7), np.ones(1)
     kernels.track(
         arm, empty_world(1), none, box, step, ACCURACY, beside, step, np.zeros((0, 1)), np.zeros((0, 3))
     )
-    kernels.volumes(arm, none, box, np.zeros((0, 1)), np.zeros(0))
+    some = np.zeros((0, 1))
+    kernels.move(arm, empty_world(1), np.zeros(12), box, step, ACCURACY, some, some, some, np.zeros((0, 2)))
+    kernels.volumes(arm, none, box, some, np.zeros(0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +130,7 @@ class LocalTracker:
         robot = template.robot
         self._arm = pack_arm(robot)
         self._max_step = np.array(np.broadcast_to(np.asarray(max_step, dtype=float), (robot.dof,)))
-        self._worlds = _worlds(template, max(clearance, template.tolerances.safety_margin))
+        self._worlds = worlds(template, max(clearance, template.tolerances.safety_margin))
         self._box = np.append(self.tolerance.box, float(self.tolerance.frame == "tool"))
 
     def track(
@@ -148,7 +138,6 @@ class LocalTracker:
         poses: Sequence[Pose],
         q_start: Array,
         *,
-        towards: Array | None = None,
         lane: int = 0,
         aside: Aside | None = None,
     ) -> Tracked:
@@ -156,23 +145,14 @@ class LocalTracker:
 
         Args:
             poses: `T_world_tool`, the first one being the next after where `q_start` stands.
-            towards: (n,) a configuration to be drawn to on the way, in place of the other motions beside the path.
-            lane: of the models that `_worlds` makes, from the most careful to the boldest.
+            lane: of the models that `lanes.worlds` makes, from the most careful to the boldest.
             aside: in place of the tracker's own.
         """
         chosen = aside or self.aside
         n, count = self.template.robot.dof, len(poses)
         out, report = np.empty((count, n)), np.empty((count, 3))
         beside = _kernels().Aside(
-            np.array(q_start if towards is None else towards, dtype=float),
-            0.0 if towards is None else min(1.0, 2.0 / max(count, 2)),
-            *(
-                (chosen.limits, chosen.singularities, chosen.obstacles)
-                if towards is None
-                else (0.0, 0.0, 0.0)
-            ),
-            chosen.distance,
-            chosen.longest if towards is None else 0.5 * float(self._max_step.min()),
+            chosen.limits, chosen.singularities, chosen.obstacles, chosen.distance, chosen.longest
         )
         world = self._worlds[min(lane, len(self._worlds) - 1)]
         reached = _kernels().track(
@@ -205,7 +185,9 @@ class LocalTracker:
             done += len(furthest.configurations)
             q = furthest.configurations[-1]
 
-    def moved(self, pose: Pose, starts: Array, wishes: Array, lane: int = 0) -> tuple[NDArray[np.bool_], Array, Array]:
+    def moved(
+        self, pose: Pose, starts: Array, wishes: Array, lane: int = 0
+    ) -> tuple[NDArray[np.bool_], Array, Array]:
         """From each of many configurations (k, n) to one pose, with what a wish (k, n) has that leaves the tool there.
 
         Returns:
@@ -258,56 +240,6 @@ class LocalTracker:
         if not reasons:
             reasons.append("local tracking found no step")
         return f"{', '.join(reasons)}; the tool is {1e3 * tracked.error:.2f} mm from its pose"
-
-
-def _worlds(template: IKProblem, keep: float) -> list[World]:
-    """Models to track in, from the most careful to the boldest, for a clearance of `keep` metres.
-
-    An outer cover may forbid what the true shape allows: where the template has a checker of its own, which decides,
-    its spheres are tried without their overshoot as well. They no longer contain the robot, so with more clearance first.
-    """
-    outer = pack_world(_with_pairs(template, template.cover))
-    worlds = [outer._replace(required=keep + ROOM)]
-    cover = template.cover
-    if (
-        template.checker is not None
-        and cover is not None
-        and cover.overshoot is not None
-        and np.any(cover.overshoot)
-    ):
-        radius = np.maximum(cover.radius - cover.overshoot, _SMALLEST)
-        inner = pack_world(_with_pairs(template, _bare(cover, radius)))
-        worlds += [inner._replace(required=keep + more) for more in (GENEROUS, ROOM)]
-    return [*worlds, worlds[-1]._replace(required=keep)]
-
-
-def _with_pairs(template: IKProblem, cover: SphereCover | None) -> IKProblem:
-    """The template with a cover, and with the pairs of its spheres that can hit each other, where the scene tells."""
-    known = replace(template, cover=cover)
-    collision = getattr(getattr(template.checker, "__self__", None), "collision", None)
-    if template.self_collision is not None or cover is None or not isinstance(collision, CollisionModel):
-        return known
-    return replace(
-        known, self_collision=_pairs.get((template.robot, cover), lambda: _self_pairs(known, collision))
-    )
-
-
-def _self_pairs(problem: IKProblem, collision: CollisionModel) -> NDArray[np.int64]:
-    robot, cover = problem.robot, problem.cover
-    assert cover is not None
-    free = robot.home if collision.distance(robot.home).distance > 0 else None
-    found = self_collision_pairs(
-        robot, cover, links=collision.self_links, known_free=free, samples=_SAMPLES, prove=False
-    )
-    return np.array(found.pairs)
-
-
-def _bare(cover: SphereCover, radius: Array) -> SphereCover:
-    """The cover with its spheres without their overshoot; the same object for the same cover."""
-    return _bare_covers.get(
-        (cover,),
-        lambda: replace(cover, radius=radius, overshoot=np.zeros(len(radius)), kind="given"),
-    )
 
 
 def frames(poses: Sequence[Pose]) -> Array:

@@ -28,6 +28,8 @@ SAME = 0.5
 """Share of it within which two nodes are one."""
 JOINED = 1.3
 """Share of it within which nodes of consecutive layers are joined."""
+SINGULAR = 1e-6
+"""Singular values of the tool's motion that count as zero."""
 WIDTH = 800
 """Nodes kept in a layer."""
 ROUNDS = 100
@@ -36,9 +38,12 @@ HALVINGS = 3
 """How often the distance between two poses is halved where no node gets from one to the other."""
 CHECKS = 60
 """Paths whose edges are checked."""
+STARTS, REFUSED = 4, 0.5
+"""Starts that the robot may turn out not to get to; radians around one within which others are not asked about."""
 
 Rows = NDArray[np.int64]
 Check = Callable[[Array, Array], bool]
+Begins = Callable[[Array], bool]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +89,7 @@ class Sheet:
 
     def grow(self, starts: Array, *, spread: bool) -> None:
         """Fill the layers from starts (k, n) at the first pose, and (`spread`) from their self-motions at it."""
-        q = _distinct(starts, np.zeros((0, starts.shape[1])))
-        q = starts[q]
+        q = starts[_distinct(starts, starts[:0])]
         if spread:
             q = self._filled(self.poses[0], q)
         self.layers = [self._layer(self.poses[0], q, np.full(len(q), np.inf), None, None)]
@@ -141,7 +145,11 @@ class Sheet:
         far = int(np.sum(np.abs(out[left] - starts[left]).max(axis=1, initial=0.0) > 0.99 * tracker.largest))
         rows_found = np.flatnonzero(found)
         rows_found = rows_found[_distinct(out[rows_found], np.zeros((0, out.shape[1])))]
-        rows_found = rows_found[[self._is_clear(out[k], asked[k]) for k in rows_found]] if len(rows_found) else rows_found
+        rows_found = (
+            rows_found[[self._is_clear(out[k], asked[k]) for k in rows_found]]
+            if len(rows_found)
+            else rows_found
+        )
         return out[rows_found], gap[rows_found], rows[rows_found], far
 
     def _is_clear(self, q: Array, asked: bool) -> bool:
@@ -176,33 +184,59 @@ class Sheet:
         edges = np.stack(np.nonzero(joined))
         return Layer(pose, q, dear, edges, apart[edges[0], edges[1]] * dear[edges[1]])
 
-    def cheapest(self, check: Check) -> Array | None:
-        """The cheapest motion (k, n) through all layers whose edges hold; None where none was found."""
+    def cheapest(
+        self, check: Check, begins: Begins | None = None, prices: Array | None = None
+    ) -> Array | None:
+        """The cheapest motion (k, n) through all layers whose edges hold; None where none was found.
+
+        Args:
+            check: whether the straight joint motion between two configurations holds.
+            begins: whether a motion may begin at a configuration; None: at any.
+            prices: of the first layer's configurations (k,); None: none.
+        """
         open_edges = [np.ones(layer.edges.shape[1], dtype=bool) for layer in self.layers]
+        cost = np.zeros(len(self.layers[0].q)) if prices is None else prices
         held: set[tuple[int, int]] = set()
+        refused = 0
         for _try in range(CHECKS):
-            chain = self._shortest(open_edges)
-            if chain is None:
+            chain = self._shortest(cost, open_edges)
+            if chain is None or refused > STARTS:
                 return None
-            broken = False
-            for level, edge in enumerate(chain, start=1):
-                if (level, edge) in held:
-                    continue
-                a, b = self.layers[level].edges[:, edge]
-                if check(self.layers[level - 1].q[a], self.layers[level].q[b]):
-                    held.add((level, edge))
-                else:
-                    open_edges[level][edge] = False
-                    broken = True
-            if not broken:
-                first = self.layers[1].edges[0, chain[0]]
+            broken = [
+                (level, edge)
+                for level, edge in enumerate(chain, start=1)
+                if (level, edge) not in held and not self._holds(level, edge, check)
+            ]
+            held |= {(level, edge) for level, edge in enumerate(chain, start=1)} - set(broken)
+            for level, edge in broken:
+                open_edges[level][edge] = False
+            if broken:
+                continue
+            first = int(self.layers[1].edges[0, chain[0]])
+            if begins is None or begins(self.layers[0].q[first]):
                 later = [layer.q[layer.edges[1, e]] for layer, e in zip(self.layers[1:], chain, strict=True)]
                 return np.stack([self.layers[0].q[first], *later])
+            refused += 1
+            near = np.abs(self.layers[0].q - self.layers[0].q[first]).max(axis=1) < REFUSED
+            open_edges[1] &= ~near[self.layers[1].edges[0]]
         return None
 
-    def _shortest(self, open_edges: Sequence[NDArray[np.bool_]]) -> list[int] | None:
-        """Rows of the edges, layer by layer, of the cheapest path; None where none leads to the last layer."""
-        cost, arrived_by = np.zeros(len(self.layers[0].q)), []
+    def _holds(self, level: int, edge: int, check: Check) -> bool:
+        a, b = self.layers[level].edges[:, edge]
+        return check(self.layers[level - 1].q[a], self.layers[level].q[b])
+
+    def why(self) -> str:
+        """Why no node of the last layer gets to the next pose, in words: of the one that is best off."""
+        last, pose = self.layers[-1], self.poses[self.reached]
+        q = last.q[int(np.argmin(last.dear))]
+        return self.tracker.why(pose, self.tracker.track_anyhow([pose], q), q)
+
+    def _shortest(self, cost: Array, open_edges: Sequence[NDArray[np.bool_]]) -> list[int] | None:
+        """Rows of the edges, layer by layer, of the cheapest path; None where none leads to the last layer.
+
+        `cost` is what it costs to begin at each configuration of the first layer.
+        """
+        arrived_by = []
         for layer, is_open in zip(self.layers[1:], open_edges[1:], strict=True):
             rows = np.flatnonzero(is_open)
             total = cost[layer.edges[0, rows]] + layer.lengths[rows]
@@ -229,12 +263,10 @@ def _sideways(robot: Robot, tolerance: PathTolerance, pose: Pose, q: Array) -> l
     J = robot.jacobian(q)
     if tolerance.frame == "tool":
         J = np.concatenate([pose.rotation.T @ J[:, :3], pose.rotation.T @ J[:, 3:]], axis=1)
-    kept = J[:, tolerance.box == 0.0]
-    if kept.shape[1] >= robot.dof:
-        return []
-    along = np.linalg.svd(kept)[2][:, kept.shape[1] :] if kept.shape[1] else np.broadcast_to(np.eye(robot.dof), (len(q), robot.dof, robot.dof))
+    _, sizes, along = np.linalg.svd(J[:, tolerance.box == 0.0], full_matrices=True)
+    rank = int((sizes > SINGULAR).sum(axis=1).max(initial=0))
     steps = []
-    for k in range(along.shape[1]):
+    for k in range(rank, robot.dof):
         step = APART * along[:, k] / np.abs(along[:, k]).max(axis=1, keepdims=True)
         steps += [step, -step]
     return steps

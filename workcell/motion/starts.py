@@ -37,6 +37,16 @@ def with_turns(robot: Robot, found: Sequence[Array], near: Array | None) -> list
     return kept
 
 
+def all_turns(robot: Robot, found: Sequence[Array]) -> list[Array]:
+    """Configurations (n,) and all others within the limits that differ from them by whole turns of revolute joints."""
+    kept = list(found)
+    for joint in np.flatnonzero(~robot.prismatic & (robot.upper - robot.lower > 2 * np.pi)):
+        turn = 2 * np.pi * np.eye(robot.dof)[joint]
+        for q in list(kept):
+            kept += [other for other in (q - turn, q + turn) if bool(robot.within_limits(other))]
+    return kept
+
+
 def nearby(
     problem: IKProblem, tolerance: PathTolerance, near: Array, seed: int, budget: Budget
 ) -> list[Array]:

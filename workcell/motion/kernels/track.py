@@ -25,15 +25,11 @@ class Aside(NamedTuple):
     """What the arm does beside the path, in the motions that leave the tool where it is.
 
     Attributes:
-        reference: (n,) configuration to be drawn to.
-        pull: share of the way to it that one waypoint may take.
         limits, singularities, obstacles: gains of the gradients (radians) away from each.
         distance: metres of clearance below which an obstacle repels.
         longest: radians that one waypoint may add to the motion that the path needs, at most.
     """
 
-    reference: Array
-    pull: float
     limits: float
     singularities: float
     obstacles: float
@@ -73,7 +69,6 @@ def _wish(
         half = 0.5 * (arm.bounds[1, k] - arm.bounds[0, k])
         u = (q[k] - 0.5 * (arm.bounds[1, k] + arm.bounds[0, k])) / max(half, 1e-9)
         space.wish[k] = -aside.limits * u * u * u / max(1.0 - u * u, 0.02)
-        space.wish[k] += aside.pull * (aside.reference[k] - q[k])
     if aside.obstacles > 0.0:
         look(arm, world, target, box, world.required + aside.distance, q, space)
         for c in range(int(space.contacts.used[0])):

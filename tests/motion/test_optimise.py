@@ -149,7 +149,7 @@ def test_paths_to_a_pose_get_shorter_over_many_goals(arm7):
 def test_nonsense_is_refused(gantry):
     body = pack_body(*gantry, ())
     for effort in ({"optimise_s": -1.0}, {"optimise_s": float("nan")}, {"optimise_iterations": -1}):
-        with pytest.raises(InputError, match="spent|negative"):
+        with pytest.raises(InputError, match=r"spent|negative"):
             Effort(**effort)
     line = np.stack([START, GOAL])
     for path, goal in ((line[::-1], 0), (line, 1), (line[:, :1], 0), (line[0], 0)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +20,8 @@ _CLIMBS, _LONGEST = 40, 0.2
 """Steps of the climb out of a collision, and the longest of them (radians)."""
 _DRAWS, _RADII = 40, (0.1, 0.2, 0.4, 0.8, 1.6)
 """Random configurations looked at within each distance, where the climb gets stuck."""
+_ROUNDS, _NEARER = 12, 0.95
+"""Rounds of draws for a nearer one, and the share of the distance so far that it must be within."""
 
 
 def checked_end(
@@ -41,7 +44,13 @@ def checked_end(
     found = clearance(values)
     if not found.distance >= 0:
         first, second = found.pair
-        free = nearest_free(robot, values, lambda q: clearance(q).distance, wanted=max(wanted, 1e-3))
+        free = nearest_free(
+            robot,
+            values,
+            lambda q: clearance(q).distance,
+            wanted=max(wanted, 1e-3),
+            allowed=None if upright is None else lambda q: upright.kept(robot, q),
+        )
         raise InputError(
             f"{robot.name} collides there: {first} and {second} overlap by {-1e3 * found.distance:.2f} mm",
             where=where,
@@ -64,22 +73,57 @@ def _advice(q: Array, free: Array | None) -> str:
 
 
 def nearest_free(
-    robot: Robot, q: Array, clearance: Callable[[Array], float], *, wanted: float = 1e-3, seed: int = 0
+    robot: Robot,
+    q: Array,
+    clearance: Callable[[Array], float],
+    *,
+    wanted: float = 1e-3,
+    allowed: Callable[[Array], bool] | None = None,
+    seed: int = 0,
 ) -> Array | None:
-    """A configuration near q (n,) with a clearance of `wanted` metres; None where none was found.
+    """A configuration near q (n,), within the joint limits, with a clearance of `wanted` metres; None: none was found.
 
-    Climbs the gradient of the clearance, else draws at random from growing boxes; what it finds is then moved back
-    towards q as far as the clearance lasts. It is near, not proved nearest.
+    Climbs the gradient of the clearance, else draws at random from growing boxes; then draws from smaller and smaller boxes
+    as long as that finds nearer ones, each moved back towards q as far as the clearance lasts. What is returned was
+    looked at. It is near (largest change of a joint), not proved nearest.
+
+    Args:
+        allowed: what else it must meet; None: nothing.
     """
-    free = _climb(robot, q, clearance, wanted)
-    if free is None:
-        free = _drawn(robot, q, clearance, wanted, np.random.default_rng(seed))
-    if free is None:
+    free = _Free(clearance, wanted, allowed)
+    rng = np.random.default_rng(seed)
+    found = _climb(robot, q, free)
+    if found is None:
+        found = _drawn(robot, q, free, rng)
+    if found is None:
         return None
+    found = _moved_back(q, found, free)
+    for _ in range(_ROUNDS):
+        nearer = _drawn_within(robot, q, _NEARER * float(np.abs(found - q).max()), free, rng)
+        if nearer is None:
+            break
+        found = _moved_back(q, nearer, free)
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Free:
+    """What a free configuration meets."""
+
+    clearance: Callable[[Array], float]
+    wanted: float
+    allowed: Callable[[Array], bool] | None
+
+    def __call__(self, q: Array) -> bool:
+        return self.clearance(q) >= self.wanted and (self.allowed is None or self.allowed(q))
+
+
+def _moved_back(q: Array, free: Array, meets: _Free) -> Array:
+    """The free configuration nearest to q on the line from another free one, by bisection."""
     near, far = 0.0, 1.0
     for _ in range(12):
         middle = 0.5 * (near + far)
-        if clearance(q + middle * (free - q)) >= wanted:
+        if meets(q + middle * (free - q)):
             far = middle
         else:
             near = middle
@@ -87,33 +131,43 @@ def nearest_free(
     return nearest
 
 
-def _climb(robot: Robot, q: Array, clearance: Callable[[Array], float], wanted: float) -> Array | None:
-    here, value = np.clip(q, robot.lower, robot.upper), clearance(q)
+def _climb(robot: Robot, q: Array, free: _Free) -> Array | None:
+    here, value = np.clip(q, robot.lower, robot.upper), free.clearance(q)
     for _ in range(_CLIMBS):
-        if value >= wanted:
-            return here
+        if value >= free.wanted:
+            return here if free(here) else None
         gradient = np.zeros(len(here))
         for k in range(len(here)):
             moved = here.copy()
             step = _DIFFERENCE if here[k] + _DIFFERENCE <= robot.upper[k] else -_DIFFERENCE
             moved[k] += step
-            gradient[k] = (clearance(moved) - value) / step
+            gradient[k] = (free.clearance(moved) - value) / step
         square = float(gradient @ gradient)
         if square < 1e-12:
             return None
-        move = gradient * (1.5 * (wanted - value) / square)
+        move = gradient * (1.5 * (free.wanted - value) / square)
         move *= min(1.0, _LONGEST / max(float(np.abs(move).max()), 1e-12))
         here = np.clip(here + move, robot.lower, robot.upper)
-        value = clearance(here)
-    return here if value >= wanted else None
+        value = free.clearance(here)
+    return here if free(here) else None
 
 
-def _drawn(
-    robot: Robot, q: Array, clearance: Callable[[Array], float], wanted: float, rng: np.random.Generator
-) -> Array | None:
+def _drawn(robot: Robot, q: Array, free: _Free, rng: np.random.Generator) -> Array | None:
     for radius in _RADII:
-        draws = np.clip(q + rng.uniform(-radius, radius, (_DRAWS, len(q))), robot.lower, robot.upper)
-        for draw in draws[np.argsort(np.abs(draws - q).max(axis=1))]:
-            if clearance(draw) >= wanted:
-                return np.array(draw)
+        found = _drawn_within(robot, q, radius, free, rng)
+        if found is not None:
+            return found
+    return None
+
+
+def _drawn_within(
+    robot: Robot, q: Array, radius: float, free: _Free, rng: np.random.Generator
+) -> Array | None:
+    """A free one of `_DRAWS` in the box around q; every other draw is a corner of it, or the middle of a side."""
+    draws = rng.uniform(-1, 1, (_DRAWS, len(q)))
+    draws[::2] = np.round(1.5 * draws[::2])
+    draws = np.clip(q + radius * np.clip(draws, -1, 1), robot.lower, robot.upper)
+    for draw in draws[np.argsort(np.abs(draws - q).max(axis=1))]:
+        if free(draw):
+            return np.array(draw)
     return None

@@ -54,9 +54,15 @@ class PlanSettings:
     optimise_iterations: int = 100_000_000
 
     def __post_init__(self) -> None:
-        if not (self.step > 0 and self.resolution > 0 and self.iterations > 0):
+        steps = np.array([self.step, self.resolution])
+        if not (np.all(steps > 0) and np.all(np.isfinite(steps)) and min(self.iterations, self.attempts) > 0):
             raise InputError(
-                "step, resolution and iterations of a planner must be positive", where="settings"
+                "step, resolution, iterations and attempts of a planner must be positive, and finite",
+                where="settings",
+            )
+        if self.shortcuts < 0:
+            raise InputError(
+                f"{self.shortcuts} shortcuts can't be tried", where="settings", remedy="0 or more"
             )
         if not (np.isfinite(self.clearance) and np.isfinite(self.spare) and self.spare >= 0):
             raise InputError(

@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.ik.arms import beads
+from tests.ik.lifted_arms import seven_axis
+from workcell.geometry.cuboids import holds_spheres
+from workcell.geometry.types import FreeSpace
+from workcell.ik.ikspark_cuboids import CuboidSet, reachable_pairs, sphere_maps
+from workcell.ik.instance import instance_of
+from workcell.ik.lift import goal_vector
 from workcell.ik.problem import Budget, IKProblem
+from workcell.ik.rank import ascend
 from workcell.ik.result import IKResult
 from workcell.ik.solve import solve
 from workcell.ik.stages import KEPT, StageLog, observed
@@ -76,3 +84,25 @@ def test_a_log_keeps_the_first_and_the_last_stages_and_adds_up_those_between() -
     assert [stages[KEPT - 1].note, stages[KEPT + 1].note] == [f"restart {KEPT - 1}", f"restart {KEPT + 50}"]
     assert stages[-1].gap == 1.0 / (2 * KEPT + 50)
     assert all(stage.cpu_s >= 0 for stage in stages)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_cuboids_that_ikspark_assigns_hold_the_spheres(seed: int) -> None:
+    """Cuboids around a known configuration, and an ascent that begins there: each sphere is in the one it is said to be in."""
+    robot, rng = seven_axis(), np.random.default_rng(seed)
+    q = rng.uniform(-1.2, 1.2, robot.dof)
+    cover = beads(robot, 0.04)
+    middle = cover.centres_world(robot.link_transforms(q))[::2]
+    space = FreeSpace(middle - 0.3, middle + 0.3)
+    problem = IKProblem(robot, robot.fk(q), cover=cover, free_space=space)
+    pairs = reachable_pairs(problem, space)
+    with instance_of(problem) as instance:
+        cuboids = CuboidSet(instance, pairs, sphere_maps(instance.lift, problem, pairs.sphere))
+        last = list(ascend(cuboids, instance.lift.lift(q)))[-1]
+        assert last.rank_one
+        assigned = cuboids.assignment(len(cover))
+        found = instance.lift.angles(last.x, goal_vector(problem.T_base_tool))
+    held = holds_spheres(space, cover.centres_world(robot.link_transforms(found)), cover.radius - 1e-3)
+    moving = np.flatnonzero(cover.link > 0)
+    assert np.all(assigned[cover.link == 0] == -1)
+    assert held[moving, assigned[moving]].all()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 import json
-from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,10 +14,10 @@ import numpy as np
 from workcell.record.cameras import choose_cameras
 from workcell.record.metrics import unit_of
 from workcell.record.moments import key_moments
+from workcell.record.page_tables import cuboid_section, solver_section, table
 from workcell.record.pictures import contact_sheet
 from workcell.record.planner_picture import has_planner_view, planner_view
 from workcell.record.plots import plot_metrics
-from workcell.record.solver_table import Query, own_cuboids, stage_rows, summary
 from workcell.record.studio import Studio
 from workcell.record.summary import check_writable
 
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     from workcell.record.review import Review
 
 _FRAMES = 24
-_QUERIES, _STAGES = 200, 60
 _FRAME = (640, 480)
 _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #222; margin: 0 auto; max-width: 1280px; padding: 0 20px 40px }
@@ -84,14 +82,14 @@ def page(review: Review) -> str:
         *(f'<p class="missing">missing: {escape(item)}</p>' for item in review.missing),
         *_film(review),
         "<h2>Checks of the reviewer</h2>",
-        _table(("", "", ""), [_check_cells(c.name, c.passed, c.finding) for c in review.checks]),
+        table(("", "", ""), [_check_cells(c.name, c.passed, c.finding) for c in review.checks]),
         "<h2>What the run says</h2>",
-        _table(("", ""), [(escape(k), escape(v)) for k, v in _facts(review)]),
+        table(("", ""), [(escape(k), escape(v)) for k, v in _facts(review)]),
         "<h2>Metrics</h2>",
         _metrics(review),
         *_objects(review),
-        *_cuboids(review),
-        *_solvers(review),
+        *cuboid_section(review),
+        *solver_section(review),
         "<h2>Key moments</h2>",
         _image(contact_sheet(review), "key moments, each from two sides"),
     ]
@@ -146,7 +144,7 @@ def _metrics(review: Review) -> str:
         low, high, mean, final = (f"{scale * value:.3f}" for value in values)
         at = f"{row.time_of_minimum:.2f}", f"{row.time_of_maximum:.2f}"
         rows.append((escape(f"{row.name} {unit}".rstrip()), low, at[0], high, at[1], mean, final))
-    return _table(("metric", "min", "at s", "max", "at s", "mean", "final"), rows, numbers_from=1)
+    return table(("metric", "min", "at s", "max", "at s", "mean", "final"), rows, numbers_from=1)
 
 
 def _objects(review: Review) -> list[str]:
@@ -155,64 +153,7 @@ def _objects(review: Review) -> list[str]:
         for row in review.objects
     ]  # fmt: skip
     head = ("object", "moved m", "rose m", "ends at m")
-    return ["<h2>Objects</h2>", _table(head, rows, numbers_from=1)] if rows else []
-
-
-def _cuboids(review: Review) -> list[str]:
-    rows = [
-        (
-            escape(row.robot),
-            escape(row.link),
-            escape(row.words),
-            f"{row.outside:.0%}" if row.outside else "never",
-        )
-        for row in review.cuboids
-    ]
-    head = ("robot", "link", "inside cuboids (share of the time)", "partly in none")
-    title = f"<h2>Cuboids in use (of {review.free_cuboids})</h2>"
-    return [title, _table(head, rows)] if rows else []
-
-
-def _solvers(review: Review) -> list[str]:
-    """What the solvers did, added up, and below it every query."""
-    if not review.queries:
-        return []
-    rows = [
-        (
-            escape(row.what),
-            escape(row.solver),
-            escape(row.stage),
-            escape(row.residuals),
-            escape(row.note),
-            str(row.count),
-            f"{row.cpu_ms:.1f}",
-        )
-        for row in stage_rows(review.queries)
-    ]
-    head = ("asked for", "solver", "stage", "rank residual", "last note", "times", "CPU ms")
-    each = [
-        (
-            str(query.number),
-            escape(query.what),
-            escape(f"{query.solver} {query.status}"),
-            escape(_stages(query)),
-        )
-        for query in review.queries[:_QUERIES]
-    ]
-    left = len(review.queries) - len(each)
-    more = f"<p>{left} more are in the recording.</p>" if left else ""
-    return [
-        f"<h2>Solver stages</h2><p>{escape(summary(review.queries))}</p>",
-        _table(head, rows, numbers_from=5),
-        *(f"<p>{escape(line)}</p>" for line in own_cuboids(review.queries)),
-        "<details><summary>Query by query</summary>",
-        _table(("query", "asked for", "answer", "stages (CPU ms)"), each),
-        f"{more}</details>",
-    ]
-
-
-def _stages(query: Query) -> str:
-    return ", ".join(f"{stage.name} {stage.cpu_ms:.1f}" for stage in query.stages[:_STAGES])
+    return ["<h2>Objects</h2>", table(head, rows, numbers_from=1)] if rows else []
 
 
 def _inventory(review: Review) -> str:
@@ -220,17 +161,8 @@ def _inventory(review: Review) -> str:
         (escape(path), escape(", ".join(parts)), str(count))
         for path, (parts, count) in review.inventory.items()
     ]
-    table = _table(("entity", "components", "rows"), rows)
-    return f"<details><summary>Contents of the recording ({len(rows)} entities)</summary>{table}</details>"
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers_from: int = 99) -> str:
-    def line(tag: str, cells: Sequence[str]) -> str:
-        kinds = [f'<{tag} class="n">' if k >= numbers_from else f"<{tag}>" for k in range(len(cells))]
-        return "<tr>" + "".join(f"{k}{c}</{tag}>" for k, c in zip(kinds, cells, strict=True)) + "</tr>"
-
-    top = line("th", head) if any(head) else ""
-    return f"<table>{top}{''.join(line('td', row) for row in rows)}</table>"
+    listed = table(("entity", "components", "rows"), rows)
+    return f"<details><summary>Contents of the recording ({len(rows)} entities)</summary>{listed}</details>"
 
 
 def _image(figure: Figure, words: str) -> str:

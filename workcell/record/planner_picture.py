@@ -10,7 +10,6 @@ import numpy as np
 from workcell.pose import Array
 from workcell.record.cameras import choose_cameras
 from workcell.record.moments import key_moments
-from workcell.record.raster import Camera, Surface
 from workcell.record.shade import Line
 from workcell.record.sheet import Sheet, shortened
 from workcell.record.stage import Stage, Thing
@@ -33,9 +32,9 @@ _COLOURS = (
     (0.20, 0.20, 0.20),
 )
 _UNUSED_RGB = (0.25, 0.65, 0.35)
-_FILL = 0.10
+_BADGE_PX = 18
 _EDGE_POINTS = 17
-_FIRST_IDENT = 1_000_000
+_CORNER_M = 1e-6
 _TITLE_PX, _CAPTION_PX, _MARGIN_PX = 72, 50, 12
 
 
@@ -99,30 +98,25 @@ def _used_tile(
     review: Review, studio: Studio, sheet: Sheet, corner: tuple[float, float], time: float
 ) -> None:
     """One moment, with the cuboids in use coloured and numbered."""
-    stage, used = review.stage, cuboids_at(review.stage, time)
-    glass, lines, labels = [], [], []
-    for thing in stage.things:
+    used = cuboids_at(review.stage, time)
+    lines: list[Line] = []
+    badges: list[tuple[int, Array]] = []
+    for thing in review.stage.things:
         if thing.kind != "free_space":
             continue
         number = int(thing.owner) if thing.owner.isdigit() else -1
-        vertices = np.concatenate([mesh.vertices for mesh, _ in thing.parts])
-        low, high = vertices.min(axis=0), vertices.max(axis=0)
-        if number not in used:
-            lines += (
-                [Line(edge, _UNUSED_RGB, 0.6, 0.12) for edge in box_edges(low, high)]
-                if _is_box(thing)
-                else []
-            )
-            continue
-        rgb = _COLOURS[number % len(_COLOURS)]
-        glass += [Surface(mesh, np.array([*rgb, _FILL]), _FIRST_IDENT + number) for mesh, _ in thing.parts]
-        lines += [Line(edge, rgb, 2.2, 0.45) for edge in box_edges(low, high)]
-        labels.append((number, low, high))
-    sheet.tile(studio.picture(time, ("spheres",), glass=glass, lines=lines), corner)
-    for number, low, high in labels:
-        spot = _spot(studio, studio.camera, low, high)
-        if spot is not None:
-            sheet.badge(str(number), spot, corner, _COLOURS[number % len(_COLOURS)])
+        edges, low, high = _outline(thing)
+        if number in used:
+            lines += [Line(edge, _COLOURS[number % len(_COLOURS)], 2.2, 0.45) for edge in edges]
+            spot = _spot(studio, low, high)
+            while spot is not None and any(np.abs(spot - other).max() < _BADGE_PX for _, other in badges):
+                spot = spot + np.array([_BADGE_PX, 0.0])
+            badges += [] if spot is None else [(number, spot)]
+        else:
+            lines += [Line(edge, _UNUSED_RGB, 0.6, 0.12) for edge in edges]
+    sheet.tile(studio.picture(time, ("spheres", "obstacle_spheres"), lines=lines), corner)
+    for number, spot in badges:
+        sheet.badge(str(number), spot, corner, _COLOURS[number % len(_COLOURS)])
 
 
 def _caption(review: Review, sheet: Sheet, place: tuple[float, float], moment: str, time: float) -> None:
@@ -140,11 +134,14 @@ def _run(links: list[str]) -> str:
     return ", ".join(links) if len(links) < 4 else f"{links[0]} to {links[-1]}, {len(links)} links"
 
 
-def _is_box(thing: Thing) -> bool:
-    """Whether a free space's solid is a cuboid, not a polytope."""
+def _outline(thing: Thing) -> tuple[list[Array], Array, Array]:
+    """Edges of a cuboid, or of all triangles of a polytope, each as points (k, 3), and the corners of the box around it."""
     vertices = np.concatenate([mesh.vertices for mesh, _ in thing.parts])
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    return bool(np.all((np.abs(vertices - low) < 1e-9) | (np.abs(vertices - high) < 1e-9)))
+    if np.all((np.abs(vertices - low) < _CORNER_M) | (np.abs(vertices - high) < _CORNER_M)):
+        return box_edges(low, high), low, high
+    faces = [mesh.vertices[list(face)] for mesh, _ in thing.parts for face in mesh.faces]
+    return [np.concatenate([face, face[:1]]) for face in faces], low, high
 
 
 def box_edges(low: Array, high: Array) -> list[Array]:
@@ -154,7 +151,7 @@ def box_edges(low: Array, high: Array) -> list[Array]:
     return [np.linspace(a, b, _EDGE_POINTS) for a, b in pairs if np.count_nonzero(a != b) == 1]
 
 
-def _spot(studio: Studio, camera: Camera, low: Array, high: Array) -> Array | None:
+def _spot(studio: Studio, low: Array, high: Array) -> Array | None:
     """Where in the picture to write a box's number: at a corner in sight, the upper ones first; else in its middle."""
     corners = [np.where(side, high, low) for side in itertools.product((True, False), repeat=3)]
     for point in [*sorted(corners, key=lambda corner: -corner[2]), (low + high) / 2]:

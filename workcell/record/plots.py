@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _COLOURS = ("#1f6fb4", "#d9541e", "#3a9a4b", "#8a5bb0", "#a67c1a", "#c2417a", "#4a4a4a")
 _HIGHEST = 8.0
+_SMALLEST = 1e-12
 _WIDE_ENOUGH = 0.015
 
 
@@ -118,7 +119,7 @@ def _draw_residuals(panel: Any, *, review: Review) -> None:
                 continue
             if stage.name == "relaxation" or not lines:
                 lines.append([])
-            lines[-1].append((k, max(stage.residual, 1e-16)))
+            lines[-1].append((k, max(stage.residual, _SMALLEST)))
         for line in lines:
             panel.plot(*zip(*line, strict=True), "o-", ms=3, lw=1.2, color=_COLOURS[colour % len(_COLOURS)])
         colour += bool(lines)

@@ -48,7 +48,6 @@ class Studio:
         translucent: Sequence[str] = (),
         robots: bool = True,
         *,
-        glass: Sequence[Surface] = (),
         lines: Sequence[Line] = (),
     ) -> Array:
         """The picture (h, w, 3) in [0, 1] at a time.
@@ -57,14 +56,14 @@ class Studio:
             time: simulated seconds.
             translucent: kinds of things to add: `spheres`, `free_space`, ...
             robots: whether to draw the robots.
-            glass, lines: what to add besides, in the world.
+            lines: what to add besides, in the world.
         """
         kinds = _SOLID if robots else ("objects", "obstacles")
-        moving, panes = _split(self.stage.surfaces(time, kinds, moving=True))
+        moving, glass = _split(self.stage.surfaces(time, kinds, moving=True))
         buffers = rasterise(moving, self.camera, onto=self._still)
         picture = shade(buffers, self.camera, self._light.with_more(moving))
-        panes += [*self._glass, *glass, *self.stage.surfaces(time, tuple(translucent))]
-        picture = blend(picture, buffers, self.camera, panes)
+        glass += self._glass + self.stage.surfaces(time, tuple(translucent))
+        picture = blend(picture, buffers, self.camera, glass)
         for line in [*lines, *self.stage.lines(time)]:
             picture = draw_line(picture, buffers, self.camera, line)
         return halve(picture) if self._scale == 2 else picture

@@ -28,42 +28,55 @@ def write_json_atomic(path: str | Path, values: Mapping[str, Any]) -> Path:
     path, text = Path(path), to_json(values)
     temporary: str | None = None
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
+        target = replaceable(path)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".tmp")
         with os.fdopen(handle, "w", encoding="utf-8") as file:
             os.fchmod(file.fileno(), 0o666 & ~_umask())
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
-        Path(temporary).replace(path)
+        Path(temporary).replace(target)
     except BaseException as error:
         if temporary is not None:
             Path(temporary).unlink(missing_ok=True)
         if not isinstance(error, OSError):
             raise
-        raise OutputError(
-            f"the file can't be written: {error.strerror or error}",
-            where=path,
-            remedy="choose a folder that is writable and has room, with --out",
-        ) from None
+        raise _not_written(path, error) from None
     return path
+
+
+def replaceable(path: Path) -> Path:
+    """The file that takes the place of `path`: where a link leads, so that the link stays.
+
+    Raises:
+        OSError: a folder, a device or a pipe stands there, which a rename would destroy.
+    """
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "a device or a pipe stands there, not a plain file")
+    return path.resolve() if path.is_symlink() else path
 
 
 def check_writable(path: str | Path) -> None:
     """Raise OutputError now, rather than after the work, when a file can't be written there."""
     path = Path(path)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path.parent):
+        target = replaceable(path)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=target.parent, prefix=f".{target.name}."):
             pass
-        if path.is_dir():
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     except OSError as error:
-        raise OutputError(
-            f"the file can't be written: {error.strerror or error}",
-            where=path,
-            remedy="choose a folder that is writable and has room, with --out",
-        ) from None
+        raise _not_written(path, error) from None
+
+
+def _not_written(path: Path, error: OSError) -> OutputError:
+    return OutputError(
+        f"the file can't be written: {error.strerror or error}",
+        where=path,
+        remedy="name a file in a folder that is writable and has room",
+    )
 
 
 def _umask() -> int:

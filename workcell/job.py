@@ -27,6 +27,7 @@ from workcell.motion.reach import reach
 from workcell.motion.retime import retime
 from workcell.motion.route import route
 from workcell.motion.team import Team, carry, prove_team_motion
+from workcell.motion.team_dynamics import TeamDynamics
 from workcell.motion.toolpath import PathTolerance
 from workcell.motion.world import PlanningWorld
 from workcell.motion.worldplan import plan_in_world
@@ -310,7 +311,12 @@ class Job:
         self, team: Team, path: Path, tool_speed: float, strain: float, what: str
     ) -> tuple[Trajectory, ...]:
         """One timing for all arms: proved clear of everything and of each other, within torques, the chain hardly strained."""
-        trajectory = retime(path, tool_speed=tool_speed)
+        dynamics = TeamDynamics.of(team)
+        try:
+            trajectory = retime(path, tool_speed=tool_speed, dynamics=dynamics)
+        except TooWeakError:
+            # as for one arm: the load that is too heavy gets its name below
+            trajectory = retime(path, tool_speed=tool_speed)
         proof = prove_team_motion(team, trajectory, floor=TRACKING_ROOM)
         if not proof.proved:
             self.fail("COLLISION", f"{what}: the timed motion is not clear: {proof.reason}")
@@ -324,8 +330,7 @@ class Job:
         parts = team.split(trajectory)
         for part in parts:
             held = (team.thing, team.grasps[part.robot_name].inverse())
-            share = 1.0 / len(parts)
-            self._check_torques(ChainDynamics(self.scene, part.robot_name, held, share), part, held, what)
+            self._check_torques(dynamics.chains[part.robot_name], part, held, what)
         self.say(
             f"{what}: {trajectory.duration:.2f} s for {len(parts)} arms together, proved {1e3 * TRACKING_ROOM:.0f} mm clear or "
             f"more, the closed chain strained by at most {1e3 * stretch:.3f} mm"

@@ -1,14 +1,17 @@
 """A team of arms: one kinematic tree, a closed chain that stays closed, and proofs of both arms against each other."""
 
+import mujoco
 import numpy as np
 import pytest
 
 from workcell.errors import InputError
 from workcell.model.joined import columns, joined_robot
 from workcell.model.scene import Scene
+from workcell.motion.dynamics import ChainDynamics
 from workcell.motion.path import Path
 from workcell.motion.retime import retime
 from workcell.motion.team import Team, prove_team, prove_team_motion
+from workcell.motion.team_dynamics import TeamDynamics
 
 
 @pytest.fixture(scope="module")
@@ -88,3 +91,48 @@ def test_a_short_common_motion_is_proved_timed_and_split(scene, team):
 def test_one_arm_is_no_team(scene):
     with pytest.raises(InputError, match="two arms or more"):
         Team.of(scene, "crate", {"left": scene.object_pose("crate")})
+
+
+def test_a_team_is_timed_within_the_torques_that_each_arm_has(scene, team):
+    """Efforts just above what holding still takes: without them the motion would need more, with them no arm does."""
+    q = start(scene)
+    path = Path(team.robot, np.stack([q, q + 0.15, q + np.linspace(0.3, 0.0, 14)]))
+    dynamics = TeamDynamics.of(team)
+    still = dynamics.at(path.at(np.linspace(0, 2, 9)), np.zeros((9, 14)), np.zeros((9, 14)))
+    effort = 1.15 * np.abs(still).max(axis=0) + 4.0
+    free, kept = retime(path), retime(path, dynamics=dynamics, effort=effort)
+
+    def share(motion):
+        return (np.abs(dynamics.at(motion.q, motion.qd, motion.qdd)) / effort).max()
+
+    assert share(free) > 1.2 and 0.9 < share(kept) <= 1.0 + 1e-6 and kept.duration > free.duration
+
+
+def test_the_shares_of_a_team_are_all_of_its_load(scene, team):
+    """Held still, the arms' torques differ from those of empty hands by what the crate's weight takes, shared equally."""
+    q = start(scene)
+    zero = np.zeros((1, 14))
+    shared = TeamDynamics.of(team).at(q[None], zero, zero)[0]
+    mass = sum(scene.model.body_mass[b] for b in scene.object("crate").body_ids)
+    for robot, part in zip(scene.robots.values(), columns(list(scene.robots.values())), strict=True):
+        zeros = np.zeros((1, 7))
+        empty = ChainDynamics(team.scene, robot.name).at(q[None, part], zeros, zeros)[0]
+        # the crate's centre in the tool's frame, and the half of its weight that pulls there
+        held = team.grasps[robot.name].inverse()
+        centre = held.apply(crate_centre(scene))
+        arm = robot.robot.fk(q[part]).apply(centre) - robot.robot.fk(q[part]).position
+        jacobian = robot.robot.jacobian(q[part])
+        pull = np.array([0.0, 0.0, -0.5 * mass * 9.81])
+        torque = jacobian[:3].T @ pull + jacobian[3:].T @ np.cross(arm, pull)
+        assert np.allclose(shared[part] - empty, -torque, atol=1e-6)
+
+
+def crate_centre(scene):
+    """Centre of mass in the crate's frame."""
+    bodies = sorted(scene.object("crate").body_ids)
+    data = mujoco.MjData(scene.model)
+    data.qpos[:] = scene.initial_qpos()
+    mujoco.mj_kinematics(scene.model, data)
+    mujoco.mj_comPos(scene.model, data)
+    masses = scene.model.body_mass[bodies]
+    return scene.object_pose("crate").inverse().apply(masses @ data.xipos[bodies] / masses.sum())

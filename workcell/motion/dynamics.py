@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from workcell.errors import InputError
+from workcell.model.robot import Robot
 from workcell.model.scene import Scene, SceneRobot
 from workcell.motion.path import Trajectory
 from workcell.pose import Array, Pose
@@ -42,6 +43,21 @@ class TorqueUse:
     def kept(self) -> bool:
         """Whether no joint needs more than its limit."""
         return bool(np.all(self.share <= 1.0))
+
+
+class Dynamics(Protocol):
+    """What a limit on torques asks of a robot's dynamics, or of several robots' side by side."""
+
+    @property
+    def kinematics(self) -> Robot:
+        """Whose joints they are."""
+
+    @property
+    def damping(self) -> Array:
+        """(n,) viscous damping of the joints, newton metre seconds a radian."""
+
+    def at(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """(T, n) torques for rows of positions, velocities and accelerations (T, n) each."""
 
 
 class ChainDynamics:
@@ -111,6 +127,11 @@ class ChainDynamics:
         return total
 
     @property
+    def kinematics(self) -> Robot:
+        """The robot's own, apart from the scene."""
+        return self.robot.robot
+
+    @property
     def damping(self) -> Array:
         """(n,) viscous damping of the joints, newton metre seconds a radian."""
         return np.array(self._damping)
@@ -140,21 +161,21 @@ class TorqueLimits:
     """Largest absolute joint torques, as bounds on the speed and acceleration along a path.
 
     Attributes:
-        dynamics: of the robot and what it carries.
+        dynamics: of the robot and what it carries, or of several that share a load.
         effort: (n,) newton metres (newtons), positive; inf where unknown.
     """
 
-    dynamics: ChainDynamics
+    dynamics: Dynamics
     effort: Array
 
     @staticmethod
-    def of(dynamics: ChainDynamics, effort: ArrayLike | None = None) -> TorqueLimits:
+    def of(dynamics: Dynamics, effort: ArrayLike | None = None) -> TorqueLimits:
         """The given limits (a number, or one for each joint), or the robot's own.
 
         Raises:
             InputError: a limit that is zero, negative or NaN.
         """
-        robot = dynamics.robot.robot
+        robot = dynamics.kinematics
         values = np.broadcast_to(np.asarray(robot.effort if effort is None else effort, float), (robot.dof,))
         bad = np.isnan(values) | (values <= 0)
         if np.any(bad):
@@ -200,7 +221,7 @@ class TorqueLimits:
         over = np.abs(still) >= self.effort
         if np.any(over):
             row, joint = (int(i) for i in np.argwhere(over)[0])
-            robot = self.dynamics.robot.robot
+            robot = self.dynamics.kinematics
             raise TooWeakError(
                 f"joint {robot.joint_names[joint]} needs {abs(still[row, joint]):.1f} N m to hold still on the path, and "
                 f"has {self.effort[joint]:.1f}",

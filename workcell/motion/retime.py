@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from workcell.errors import InputError
 from workcell.model.robot import Robot
-from workcell.motion.dynamics import ChainDynamics, TorqueLimits
+from workcell.motion.dynamics import Dynamics, TorqueLimits
 from workcell.motion.path import Path, Trajectory
 from workcell.motion.polynomials import PolynomialMotion
 from workcell.motion.spline import JointSpline, spline_within_limits
@@ -58,7 +58,7 @@ def retime(
     acceleration: ArrayLike | None = None,
     *,
     tool_speed: float | None = None,
-    dynamics: ChainDynamics | None = None,
+    dynamics: Dynamics | None = None,
     effort: ArrayLike | None = None,
     dt: float = 0.002,
     smoothing_s: float = 0.06,
@@ -71,7 +71,8 @@ def retime(
         path: waypoints; the motion passes through each of them (by a hair inside, at a joint limit).
         velocity, acceleration: (n,) or scalar largest absolute values; None: the robot's own.
         tool_speed: largest speed of the tool, metres a second; None: no bound.
-        dynamics: of the robot and what it carries: joint torques keep their limits as well; None: no bound on torques.
+        dynamics: of the robot (or the robots of a team) and what it carries: joint torques keep their limits as well;
+            None: no bound on torques.
         effort: (n,) or scalar largest absolute torques; None: the robot's own.
         dt: seconds between samples.
         smoothing_s: width of the moving average over s(t); the acceleration changes over this time.

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from workcell.bench import killed, tracking
+from workcell.bench import killed, recording, tracking
 from workcell.bench.tables import Bench, Row
 from workcell.errors import WorkcellError
 
@@ -96,4 +96,5 @@ BENCHES = [
     Bench("tasks", 20, "the tasks that handle objects, each seed from a cold process", tasks),
     *tracking.BENCHES,
     *killed.BENCHES,
+    *recording.BENCHES,
 ]

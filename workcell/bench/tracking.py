@@ -81,7 +81,7 @@ def _scene(arm: _Arm) -> Scene:
     return scene.moved({"weight": robot.robot.fk(robot.start)})
 
 
-def _motions(scene: Scene, n: int, seed: int) -> Iterator[Trajectory]:
+def motions(scene: Scene, n: int, seed: int) -> Iterator[Trajectory]:
     """There and back: from the start to a random configuration near it, clear of the robot itself on the way."""
     robot, rng = scene.robot().robot, np.random.default_rng(seed)
     start, model = scene.robot().start, CollisionModel(scene)
@@ -102,12 +102,12 @@ def tracking(n: int, seed: int, sets: Path | None) -> list[Row]:
     free = Settings(stop_on_contact=False, max_error_m=np.inf, max_error_rad=np.inf)
     for arm in _ARMS:
         scene = _scene(arm)
-        motions = list(_motions(scene, n, seed))
+        moves = list(motions(scene, n, seed))
         hand = scene.robot().prefix + "gripper/gripper"
         for case, imperfections in _cases(hand, seed).items():
             for controller in CONTROLLERS:
                 errors, saturated = [], 0
-                for motion in motions:
+                for motion in moves:
                     simulation = Simulation(
                         scene, controller=controller, imperfections=imperfections, settings=free
                     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import mujoco
@@ -14,10 +15,12 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from tests.record.conftest import RESULT, record_toy, toy_motion
+from workcell.cli import main
 from workcell.errors import RecordingError
 from workcell.record.moments import key_moments
 from workcell.record.recording import Recording
 from workcell.record.review import Review, review
+from workcell.record.scene_log import FORMAT
 
 
 def text_of(result: Review) -> str:
@@ -207,3 +210,46 @@ def test_key_moments_are_the_start_the_events_and_the_end(toy_file: Path) -> Non
     assert [m.time for m in moments] == sorted(m.time for m in moments)
     assert (moments[0].time, moments[-1].time) == (0.0, 2.0)
     assert any(m.caption == "the box is held" and m.time == 1.0 for m in moments)
+
+
+@pytest.mark.parametrize(
+    ("make", "code", "words"),
+    [
+        (lambda data: data, 0, "toy: achieved"),
+        (lambda data: data[: len(data) * 3 // 4], 1, "missing: the file was not finished"),
+        (lambda data: data[:200], 2, "nothing in this recording can be read"),
+        (lambda data: b"", 2, "an empty file"),
+        (lambda data: b"\x89PNG" + data[4:], 2, "this is not an .rrd recording"),
+        (lambda data: b"RRF2" + bytes([0, 99, 2, 0]) + b"\xff" * 4000, 2, "written by Rerun 0.99.2"),
+    ],
+    ids=["whole", "cut", "header only", "empty", "a picture", "another version"],
+)
+def test_exit_code_and_words_of_the_command(
+    tmp_path: Path,
+    toy_bytes: bytes,
+    capsys: pytest.CaptureFixture[str],
+    make: Callable[[bytes], bytes],
+    code: int,
+    words: str,
+) -> None:
+    """0: achieved; 1: read, but not (known to be) achieved; 2: not a recording that can be read, in one message."""
+    path = tmp_path / "x.rrd"
+    path.write_bytes(make(toy_bytes))
+    with pytest.raises(SystemExit) as done:
+        main(["review", str(path)])
+    told = capsys.readouterr()
+    assert done.value.code == code
+    assert words in " ".join((told.err if code == 2 else told.out).split())
+    if code == 2:
+        assert told.out == ""
+        assert "x.rrd" in told.err
+
+
+def test_a_later_layout_is_read_and_named(
+    tmp_path: Path, toy: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("workcell.record.scene_log.FORMAT", FORMAT + 1)
+    found = review(record_toy(tmp_path / "toy.rrd", toy))
+    assert any(f"version {FORMAT + 1}, this reads version {FORMAT}" in text for text in found.missing)
+    assert found.metrics
+    assert f"missing: the layout of this file is version {FORMAT + 1}" in text_of(found)

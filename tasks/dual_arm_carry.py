@@ -5,7 +5,7 @@ is planned, both arms follow it, and one timing moves them together. The simulat
 measures how hard they work against each other.
 """
 
-from workcell import FollowLimits, Job, PlanningWorld, Pose, Scene, Team, line
+from workcell import FollowLimits, Job, PlanningWorld, Pose, Scene, Team, line, polyline
 
 LIMITS = FollowLimits(max_step=0.2, clearance=0.002)  # radians between waypoints, metres to keep everywhere
 SPACING = 0.01  # metres of the crate's path between waypoints
@@ -21,43 +21,25 @@ def plan_handle(job: Job, scene: Scene, name: str, leaving: bool = False):
         path = job.follow(world, line(grasp, above), robot.start, LIMITS, f"{name}: way off the handle")
     else:
         path = job.reach(world, robot.start, line(above, grasp), LIMITS, f"{name}: way to the handle")
-    job.log_plan(path)
-    return job.retime(world, path, task["max_tool_speed"], f"{name}: motion"), scene.with_start(
-        name, path.end
-    )
+    (motion,) = job.timed([(world, path)], task["max_tool_speed"], f"{name}: motion")
+    return motion, scene.with_start(name, path.end)
 
 
 def plan_carry(job: Job, scene: Scene):
     """The crate's path as three motions of the team: up, over the wall, down; and the scene that they leave behind."""
     task, crate = scene.task, scene.task["object"]
-    robots = {name: scene.robot(name) for name in task["arms"]}
     begin, target = scene.object_pose(crate), scene.site_pose(task["target"])
-    up, high, hover, put = (
-        Pose.from_xyz([0, 0, height]) @ pose
-        for height, pose in (
-            (task["lift"], begin),
-            (task["clear"], target),
-            (task["hover"], target),
-            (task["drop"], target),
-        )
-    )
+    up = Pose.from_xyz([0, 0, task["lift"]]) @ begin
+    high, hover, put = (Pose.from_xyz([0, 0, task[h]]) @ target for h in ("clear", "hover", "drop"))
+    robots = {name: scene.robot(name) for name in task["arms"]}
     grasps = {name: begin.inverse() @ robot.robot.fk(robot.start) for name, robot in robots.items()}
     carrying = Team.of(scene, crate, grasps, seed=job.seed)
-    lifting, placing = carrying.touching(task["stands_on"]), carrying.touching(task["target_geom"])
-    over = (*line(up, high, SPACING), *line(high, hover, SPACING)[1:])
-    motions, standing = [], {name: robot.start for name, robot in robots.items()}
-    for team, poses, what in (
-        (lifting, line(begin, up, SPACING), "lifting the crate"),
-        (carrying, over, "carrying the crate over the wall"),
-        (placing, line(hover, put, SPACING), "putting the crate down"),
-    ):
-        path = job.carry(team, poses, standing, LIMITS, what)
-        motions.append(job.retime_team(team, path, task["max_tool_speed"], task["strain_m"], what))
-        standing = team.at(path.end)
-    scene = scene.moved({crate: put})
-    for name, q in standing.items():
-        scene = scene.with_start(name, q)
-    return motions, scene
+    stretches = (
+        (carrying.touching(task["stands_on"]), line(begin, up, SPACING), "lifting the crate"),
+        (carrying, polyline([up, high, hover], SPACING), "carrying the crate over the wall"),
+        (carrying.touching(task["target_geom"]), line(hover, put, SPACING), "putting the crate down"),
+    )
+    return job.transport(scene, stretches, LIMITS, task["max_tool_speed"], task["strain_m"])
 
 
 def run(job: Job) -> None:

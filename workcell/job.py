@@ -337,6 +337,28 @@ class Job:
         )
         return parts
 
+    def transport(
+        self,
+        scene: Scene,
+        stretches: Sequence[tuple[Team, Sequence[Pose], str]],
+        limits: FollowLimits,
+        tool_speed: float,
+        strain: float,
+    ) -> tuple[list[tuple[Trajectory, ...]], Scene]:
+        """The motions of a team along stretches of its object's path (team, poses, what), and the scene that they leave behind.
+
+        Each begins where the one before ends, the first where the arms stand in `scene`: `carry`, then `retime_team`.
+        """
+        motions = []
+        for team, poses, what in stretches:
+            starts = {name: scene.robot(name).start for name in team.grasps}
+            path = self.carry(team, poses, starts, limits, what)
+            motions.append(self.retime_team(team, path, tool_speed, strain, what))
+            scene = scene.moved({team.thing: poses[-1]})
+            for name, q in team.at(path.end).items():
+                scene = scene.with_start(name, q)
+        return motions, scene
+
     def _check_torques(
         self, dynamics: ChainDynamics, motion: Trajectory, held: tuple[str, Pose] | None, what: str
     ) -> TorqueUse:

@@ -51,14 +51,14 @@ def plan_rows(n: int, seed: int, sets: Path | None) -> list[Row]:
     """`workcell plan` on the files, every path judged by the independent kernel."""
     rows = []
     for name, budget_s in FILES:
-        starts = _problems(name, n, sets)
+        starts = problems_of(name, n, sets)
         _warm(starts)
         plans = [
             plan_to_pose(item.problem, start, budget=Budget(budget_s), seed=problem_seed(seed, item.id))
             for item, start in starts
         ]
         paths = [plan.path for plan in plans]
-        rows.append(_row(f"{name}/workcell", starts, paths, [plan.stats["cpu_s"] for plan in plans]))
+        rows.append(path_row(f"{name}/workcell", starts, paths, [plan.stats["cpu_s"] for plan in plans]))
     return rows
 
 
@@ -68,7 +68,7 @@ def ompl_rows(n: int, seed: int, sets: Path | None) -> list[Row]:
         raise InputError("OMPL is not installed", where="plan-ompl", remedy="pip install 'workcell[ompl]'")
     rows = []
     for name, _ in FILES:
-        starts = _problems(name, n, sets)
+        starts = problems_of(name, n, sets)
         for planner, budget_s, simplify in OMPL_PLANNERS:
             paths: list[Array | None] = []
             cpu, edges = [], 0
@@ -93,12 +93,12 @@ def ompl_rows(n: int, seed: int, sets: Path | None) -> list[Row]:
                 paths.append(answer.path)
                 cpu.append(answer.cpu_s)
                 edges += answer.edges
-            row = _row(f"{name}/ompl-{planner.lower()}", starts, paths, cpu)
+            row = path_row(f"{name}/ompl-{planner.lower()}", starts, paths, cpu)
             rows.append(row | {"edges": edges / max(len(cpu), 1)})
     return rows
 
 
-def _problems(name: str, n: int, sets: Path | None) -> list[tuple[NamedProblem, Array]]:
+def problems_of(name: str, n: int, sets: Path | None) -> list[tuple[NamedProblem, Array]]:
     """The first n problems of a file with their starts; the robot's home where the file has none."""
     if sets is None:
         raise InputError("this bench runs problem-set files", where="sets", remedy="--sets FOLDER")
@@ -121,12 +121,13 @@ def _warm(starts: Sequence[tuple[NamedProblem, Array]]) -> None:
     plan_to_pose(item.problem, start, budget=Budget(0.5))
 
 
-def _row(
+def path_row(
     name: str,
     starts: Sequence[tuple[NamedProblem, Array]],
     paths: Sequence[Array | None],
     cpu: Sequence[float],
 ) -> Row:
+    """A row of paths: how many are right, what they took, how long they are; each judged by the independent kernel."""
     verdicts = [
         judge_path(item.problem, start, path)
         for (item, start), path in zip(starts, paths, strict=True)

@@ -58,7 +58,7 @@ def plan_ompl(
     Args:
         bounds: (n, 2) joint limits.
         planner: its class, such as `RRTConnect` or `BITstar`. An asymptotically optimal one uses all of its time.
-        budget_s: wall seconds.
+        budget_s: CPU seconds.
         simplify: let OMPL shorten what it found.
     """
     base, geometric, util = (
@@ -89,7 +89,8 @@ def plan_ompl(
     search.setProblemDefinition(definition)
     search.setup()
     began = time.process_time()
-    search.solve(base.timedPlannerTerminationCondition(budget_s))
+    deadline = began + budget_s
+    search.solve(base.PlannerTerminationCondition(lambda: time.process_time() > deadline))
     path = None
     if definition.hasExactSolution():
         solution = definition.getSolutionPath()

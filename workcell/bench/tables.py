@@ -33,6 +33,7 @@ _PROVIDERS = (
     "workcell.bench.hjcd_mmd",
     "workcell.bench.branch",
     "workcell.bench.plan",
+    "workcell.bench.plan_optimal",
     "workcell.bench.retime",
     "workcell.bench.tasks",
     "workcell.bench.follow",

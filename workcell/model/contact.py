@@ -6,8 +6,11 @@ Deep penetration is measured poorly by MuJoCo for some pairs of shapes: trust th
 from __future__ import annotations
 
 import copy
+import functools
+import importlib
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -80,7 +83,6 @@ class CollisionModel:
         self._pad[self._pad == 0.0] = np.inf
         self._boxes = scene.model.geom_aabb.copy()
         self._boxes[np.isinf(self._pad), 3:] = np.inf
-        self._reach = self._pad[self._pairs].sum(axis=1)
         self._fromto = np.zeros(6)
         self._pair_links = self._links_of(self._pairs)
 
@@ -91,7 +93,6 @@ class CollisionModel:
         kept = [int(body_of[a]) not in skip and int(body_of[b]) not in skip for a, b in self._pairs]
         smaller = copy.copy(self)
         smaller._pairs = self._pairs[np.array(kept, dtype=bool)]
-        smaller._reach = self._reach[np.array(kept, dtype=bool)]
         smaller._pair_links = self._links_of(smaller._pairs)
         return smaller
 
@@ -207,23 +208,27 @@ class CollisionModel:
         Returns:
             (k,) rows of the pairs and (k,) bounds.
         """
-        centre, radius = self._data.geom_xpos, self._pad
-        apart = np.linalg.norm(centre[self._pairs[:, 0]] - centre[self._pairs[:, 1]], axis=1) - motion
-        spheres = apart - self._reach
-        near = np.flatnonzero(spheres < min(limit, float(apart.min())))
-        a, b, spheres = self._pairs[near, 0], self._pairs[near, 1], spheres[near]
-        boxes = np.maximum(self._to_box(centre[a], b) - radius[a], self._to_box(centre[b], a) - radius[b])
-        moved = np.broadcast_to(motion, len(self._pairs))[near]
-        bounds: Array = np.where(boxes > 0, np.maximum(spheres, boxes - moved), spheres)
-        return near, bounds
+        data, count = self._data, len(self._pairs)
+        rows, bounds = np.empty(count, dtype=np.int64), np.empty(count)
+        moved = np.full(count, motion) if np.ndim(motion) == 0 else np.ascontiguousarray(motion)
+        near = _kernels().lower_bounds(
+            data.geom_xpos,
+            data.geom_xmat,
+            self._pad,
+            self._boxes,
+            self._pairs,
+            moved,
+            float(limit),
+            rows,
+            bounds,
+        )
+        return rows[:near], bounds[:near]
 
-    def _to_box(self, points: Array, geoms: NDArray[np.int64]) -> Array:
-        """Distances (k,) of points (k, 3) to the bounding boxes of as many geoms."""
-        R = self._data.geom_xmat[geoms].reshape(-1, 3, 3)
-        local = np.einsum("kji,kj->ki", R, points - self._data.geom_xpos[geoms])
-        box = self._boxes[geoms]
-        outside: Array = np.linalg.norm(np.maximum(np.abs(local - box[:, :3]) - box[:, 3:], 0.0), axis=1)
-        return outside
+
+@functools.cache
+def _kernels() -> Any:
+    """Compiled kernels, imported on first use: numba takes half a second."""
+    return importlib.import_module("workcell.model.pair_bounds")
 
 
 def geom_name(model: object, geom: int) -> str:

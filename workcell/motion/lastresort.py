@@ -63,7 +63,7 @@ class LastResort:
             if rescued.followed:
                 return rescued
             in_part = in_part or rescued
-        return _with_path(self._failure(sheet, end, in_model), in_part)
+        return _with_path(self._failure(sheet, best, in_model), in_part)
 
     def _partly(self, end: DeadEnd) -> FollowResult | None:
         """As far as a start led, followed in full; None where that is nowhere."""
@@ -99,13 +99,16 @@ class LastResort:
             return True
         return prove_segment(template.robot, q_a, q_b, template.checker, extent, floor=floor).proved
 
-    def _failure(self, sheet: Sheet, end: DeadEnd | None, in_model: FollowResult | None) -> FollowResult:
+    def _failure(
+        self, sheet: Sheet, followed: FollowResult | None, in_model: FollowResult | None
+    ) -> FollowResult:
         """The pose that nothing gets to, or one further on that is proved impossible, and why."""
         last = len(self.query.poses) - 1
         row, q_before = min(sheet.reached, last), sheet.layers[-1].q[0]
         why = sheet.why() if not sheet.complete else "what the sphere model reaches could not be proved clear"
-        if end is not None and end.waypoint > row:
-            row, q_before, why = end.waypoint, end.motion[-1], end.why
+        if followed is not None and followed.failure is not None and followed.failure.waypoint > row:
+            row, why = followed.failure.waypoint, followed.failure.detail
+            q_before = q_before if followed.path is None else followed.path.end
         proved = self.coroner.impossible(range(row, last + 1), q_before)
         if proved is not None and (proved.status in PROVED or in_model is None):
             return proved

@@ -10,15 +10,19 @@ Intervals that fail the test are halved.
 
 from __future__ import annotations
 
+import functools
+import importlib
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from workcell.errors import InputError
+from workcell.geometry.packing import pack_cover, pack_tree
 from workcell.geometry.types import SphereCover
 from workcell.ik.problem import Clearance
 from workcell.model.contact import CollisionModel
@@ -81,20 +85,17 @@ def link_motion(robot: Robot, q: Array, half: Array, extent: SphereCover) -> Arr
         (n + 1, n + 1) metres, upper bounds: row a, column b > a for points of link b as seen from link a; row 0 is the
         world. Zero elsewhere.
     """
-    bounds = np.zeros((robot.dof + 1, robot.dof + 1))
-    T = robot.link_transforms(q)
-    centres = extent.centres_world(T)
-    axes = np.einsum("kij,kj->ki", T[1:, :3, :3], robot.axis)
-    from_axis = np.cross(centres[:, None] - T[None, 1:, :3, 3], axes[None])
-    arms = np.sqrt(np.einsum("mki,mki->mk", from_axis, from_axis)) + extent.radius[:, None]
-    chords = np.where(robot.prismatic, 0.0, 2 * np.sin(np.minimum(half, np.pi) / 2))
-    slides = np.where(robot.prismatic, half, 0.0)
-    carried = extent.link[:, None] > np.arange(robot.dof)
-    moved = np.zeros(len(extent))
-    for j in range(robot.dof - 1, -1, -1):
-        moved += carried[:, j] * (slides[j] + chords[j] * (arms[:, j] + moved))
-        np.maximum.at(bounds[j], extent.link, moved)
+    bounds = np.empty((robot.dof + 1, robot.dof + 1))
+    _kernels().link_motion(
+        pack_tree(robot), pack_cover(robot, extent)[0], np.array(q, dtype=float), np.array(half), bounds
+    )
     return bounds
+
+
+@functools.cache
+def _kernels() -> Any:
+    """Compiled kernels, imported on first use: numba takes half a second."""
+    return importlib.import_module("workcell.motion.kernels.extent")
 
 
 def prove_path(

@@ -236,25 +236,36 @@ def _scene_robot(
         robot.check_limits(start, where=where)
     joints = [model.joint(prefix + name).id for name in robot.joint_names]
     links = link_bodies(model, robot, prefix)
+    bodies = frozenset(body for link in links for body in link) if prefix else _subtree(model, entry.name)
     return SceneRobot(
         name=entry.name,
         prefix=prefix,
         robot=robot,
-        body_ids=frozenset(body for link in links for body in link)
-        if prefix
-        else _subtree(model, entry.name),
+        body_ids=bodies,
         link_body_ids=links,
         qpos_addresses=np.array([model.jnt_qposadr[j] for j in joints]),
         dof_addresses=np.array([model.jnt_dofadr[j] for j in joints]),
         actuator_ids=np.array([actuator_of_joint(model, j) for j in joints]),
         gripper=_gripper_actuator(model, prefix, robot.joint_names),
         start=start,
-        fingers=tuple(
-            (int(model.jnt_qposadr[model.joint(prefix + name).id]), value)
-            for name, value in home.items()
-            if name not in robot.joint_names
-        ),
+        fingers=_fingers(model, bodies - set(model.jnt_bodyid[joints].tolist()), prefix, home),
     )
+
+
+def _fingers(
+    model: mujoco.MjModel, bodies: frozenset[int], prefix: str, home: dict[str, float]
+) -> tuple[tuple[int, float], ...]:
+    """(address in qpos, home value) of the hinges and slides of some bodies; without a keyframe they begin at `qpos0`."""
+    import mujoco
+
+    found = []
+    for joint in range(model.njnt):
+        single = int(model.jnt_type[joint]) in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+        if single and int(model.jnt_bodyid[joint]) in bodies:
+            address = int(model.jnt_qposadr[joint])
+            name = str(model.joint(joint).name).removeprefix(prefix)
+            found.append((address, home.get(name, float(model.qpos0[address]))))
+    return tuple(found)
 
 
 def _gripper_actuator(model: mujoco.MjModel, prefix: str, joints: tuple[str, ...]) -> str | None:

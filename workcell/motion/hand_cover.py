@@ -49,21 +49,22 @@ def cover_with_fingers(scene: Scene, robot: SceneRobot, overshoot: float) -> Sph
 
 
 def _finger_bodies(scene: Scene, robot: SceneRobot) -> list[frozenset[int]]:
-    """For each joint of the gripper whose body the tool's link carries, that body and all that hangs from it."""
+    """The bodies that move as one, for each of those that joints of the gripper move on the tool's link.
+
+    A body whose own joint moves it on a finger, such as a finger's tip, is a group of its own.
+    """
     model, carried = scene.model, set(robot.link_body_ids[robot.robot.tool().link])
-    roots = []
-    for address, _ in robot.fingers:
-        joint = int(np.flatnonzero(model.jnt_qposadr == address)[0])
-        roots.append(int(model.jnt_bodyid[joint]))
-    groups = []
-    for root in roots:
-        inside = {root}
-        for body in range(root + 1, model.nbody):
-            if int(model.body_parentid[body]) in inside:
-                inside.add(body)
-        groups.append(frozenset(inside & carried))
-    nested = {root for group, own in zip(groups, roots, strict=True) for root in group if root != own}
-    return [group for group, root in zip(groups, roots, strict=True) if group and root not in nested]
+    addresses = [address for address, _ in robot.fingers]
+    moved = {int(body) for body in model.jnt_bodyid[np.isin(model.jnt_qposadr, addresses)]} & carried
+    groups: dict[int, set[int]] = {}
+    owner: dict[int, int] = {}
+    # bodies are numbered parents first
+    for body in sorted(carried):
+        root = body if body in moved else owner.get(int(model.body_parentid[body]))
+        if root is not None:
+            owner[body] = root
+            groups.setdefault(root, set()).add(body)
+    return [frozenset(group) for group in groups.values()]
 
 
 def _body_pose(scene: Scene, body: int, qpos: Array) -> Pose:

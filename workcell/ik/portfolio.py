@@ -15,7 +15,7 @@ from workcell.ik.certificate import Certificate
 from workcell.ik.check import STATUS_OF_SCOPE, check_certificate
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import Candidate, IKResult, Status
-from workcell.ik.stages import StageLog
+from workcell.ik.stages import SolverStage, StageLog
 from workcell.ik.verify import Verification, verify
 from workcell.model.robot import LIMIT_SLACK
 from workcell.pose import Array
@@ -153,7 +153,6 @@ class Portfolio:
         """A turn's candidate; whatever numerical failure happens inside becomes its `error`."""
         self._prepare(name)
         before = self._spent()
-        self.log.restart_clock()
         try:
             with np.errstate(all="ignore"):
                 candidate = solver(self.problem, budget, seed)
@@ -168,11 +167,10 @@ class Portfolio:
             if type(error).__name__ != "PanicException":
                 raise
             candidate = Candidate(error=f"the conic solver panicked: {error}")
-        if candidate.stages:
-            self.log.extend(candidate.stages, name)
-        else:
-            self.log.add(_WORK.get(name, name), numbers=candidate.stats, solver=name)
-        for key, value in {**candidate.stats, "cpu_s": self._spent() - before}.items():
+        spent = self._spent() - before
+        alone = SolverStage(_WORK.get(name, name), spent, numbers=candidate.stats)
+        self.log.extend(candidate.stages or (alone,), name, spent)
+        for key, value in {**candidate.stats, "cpu_s": spent}.items():
             label = f"{name}.{key}"
             # what goes on where it stopped counts from its beginning
             known = 0.0 if isinstance(solver, Resumed) and key != "cpu_s" else self.stats.get(label, 0.0)

@@ -59,10 +59,6 @@ class StageLog:
         self._between, self._between_cpu_s = 0, 0.0
         self._since = time.process_time()
 
-    def restart_clock(self) -> None:
-        """What happened since the last stage belongs to none."""
-        self._since = time.process_time()
-
     def add(
         self,
         name: str,
@@ -77,14 +73,14 @@ class StageLog:
         self._append(SolverStage(name, now - self._since, gap, note, numbers or {}, solver))
         self._since = now
 
-    def extend(self, stages: tuple[SolverStage, ...], solver: str) -> None:
-        """Stages that a solver has timed itself, and before them what it took besides; the clock goes on from now."""
-        besides = time.process_time() - self._since - sum(stage.cpu_s for stage in stages)
+    def extend(self, stages: tuple[SolverStage, ...], solver: str, cpu_s: float) -> None:
+        """Stages that a solver has timed itself, and before them what it took besides of `cpu_s`; the clock goes on from now."""
+        besides = cpu_s - sum(stage.cpu_s for stage in stages)
         if besides > _WORTH_TELLING:
             self._append(SolverStage("set-up", besides, solver=solver))
         for stage in stages:
             self._append(replace(stage, solver=stage.solver or solver))
-        self.restart_clock()
+        self._since = time.process_time()
 
     def _append(self, stage: SolverStage) -> None:
         if len(self._first) < KEPT:

@@ -8,8 +8,10 @@ from hypothesis import strategies as st
 from workcell.errors import InputError
 from workcell.geometry.types import SphereCover
 from workcell.ik.problem import Clearance
+from workcell.model.scene import Scene
 from workcell.motion.path import Path, Trajectory
 from workcell.motion.proof import motion_bound, prove_path, prove_segment, trajectory_clearance
+from workcell.motion.world import PlanningWorld
 
 angle = st.floats(-2.5, 2.5)
 
@@ -78,8 +80,6 @@ def test_far_from_everything_one_query_is_enough(planar, planar_cover, ball):
 
 
 def test_a_nan_clearance_never_proves(planar, planar_cover):
-    from workcell.ik.problem import Clearance
-
     proof = prove_segment(planar, [0.0] * 3, [0.1] * 3, lambda q: Clearance(float("nan")), planar_cover)
     assert not proof.proved
 
@@ -109,3 +109,16 @@ def test_spheres_that_do_not_contain_the_robot_prove_nothing(planar, planar_cove
     q = np.zeros(planar.dof)
     with pytest.raises(InputError, match="contain the moving robot"):
         prove_segment(planar, q, q + 0.1, lambda _: Clearance(1.0, ("arm", "post")), extent)
+
+
+def test_the_margin_leaves_room_for_the_tolerance_of_the_model_s_distances(tmp_path):
+    """Distances of shapes that MuJoCo finds by iteration are as good as the model's own tolerance, here a centimetre."""
+    (tmp_path / "cell.xml").write_text(
+        '<mujoco><option ccd_tolerance="0.01"/><worldbody><site name="robot_mount"/>'
+        '<geom name="post" type="cylinder" pos="1.5 0 0.5" size="0.05 0.5"/></worldbody></mujoco>'
+    )
+    world = PlanningWorld.of(Scene.load(tmp_path / "cell.xml", robot="iiwa14"))
+    q = world.robot.start
+    proof = prove_segment(world.robot.robot, q, q, world.clearance, world.cover)
+    assert proof.proved
+    assert proof.margin == pytest.approx(world.clearance(q).distance - 0.01, abs=1e-9)

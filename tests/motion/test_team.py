@@ -88,6 +88,12 @@ def test_a_short_common_motion_is_proved_timed_and_split(scene, team):
     assert np.array_equal(left.time, right.time)
 
 
+def test_the_margin_leaves_room_for_the_error_of_distances(scene, team):
+    path = Path(team.robot, np.stack([start(scene)] * 2))
+    margin = prove_team(team, path).margin
+    assert 0 < margin == pytest.approx(team.clearance(start(scene)).distance - 1e-6, abs=1e-9)
+
+
 def test_one_arm_is_no_team(scene):
     with pytest.raises(InputError, match="two arms or more"):
         Team.of(scene, "crate", {"left": scene.object_pose("crate")})

@@ -21,6 +21,8 @@ from workcell.pose import Array, Pose
 
 _FILTER_PARENT = 1 << 10
 """MuJoCo's `mjDSBL_FILTERPARENT`, written out so that MuJoCo is not imported here."""
+_TOLERANCE = 1e-6
+"""Metres: MuJoCo's own default."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +97,11 @@ class CollisionModel:
         smaller._pairs = self._pairs[np.array(kept, dtype=bool)]
         smaller._pair_links = self._links_of(smaller._pairs)
         return smaller
+
+    @property
+    def tolerance(self) -> float:
+        """Metres by which distances between convex shapes may be off: MuJoCo's solver stops there."""
+        return max(_TOLERANCE, float(self._model.opt.ccd_tolerance))
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:

@@ -36,7 +36,7 @@ Checker = Callable[[Array], Clearance]
 _STRETCH = 0.2
 """Radians of the first intervals in a scene."""
 _DISTANCE_TOLERANCE = 1e-6
-"""Metres by which MuJoCo's distances between convex shapes may be off: its solver stops there."""
+"""Metres by which the distances of a checker that is no compiled model may be off."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +177,7 @@ def _look(
 
         def of_pairs(q: Array, half: Array) -> tuple[Clearance, float]:
             kept, found = collision.excess(q, link_motion(robot, q, half, extent))
-            return Clearance(found.distance, found.pair), kept - _DISTANCE_TOLERANCE
+            return Clearance(found.distance, found.pair), kept - collision.tolerance
 
         return of_pairs
 

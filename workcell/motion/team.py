@@ -120,6 +120,11 @@ class Team:
             for name, world in self.worlds.items()
         )
 
+    @property
+    def tolerance(self) -> float:
+        """Metres by which clearances may be off."""
+        return max(model.tolerance for model in self._models)
+
     def stretch(self, configurations: Array) -> Array:
         """(k,) metres by which the closed chain would be strained at configurations (k, n).
 
@@ -240,7 +245,7 @@ def prove_team(team: Team, path: Path, *, floor: float = 0.0, slack: Array | flo
         half = np.abs(path.at(end) - q) + stray[int(begin)]
         found = team.clearance(q)
         smallest = min(smallest, found, key=lambda one: one.distance)
-        kept = found.distance - team.motion_bound(q, half)
+        kept = found.distance - team.motion_bound(q, half) - team.tolerance
         if found.distance < floor or (kept < floor and half.max() < _RESOLUTION + stray.max()):
             a, b = found.pair
             reason = f"{a} and {b} come to {1e3 * found.distance:.2f} mm, less than {1e3 * floor:.2f} mm"

@@ -15,6 +15,7 @@ from workcell.record.reader import Contents, Entity
 
 _LABELS, _OUTSIDE, _LINK = "Boxes3D:labels", "spheres_outside", "link"
 _GREY = 0x888888FF
+_TOLD = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +70,10 @@ class CuboidRow:
 
     @property
     def words(self) -> str:
-        """The cuboids, the most used first."""
-        return ", ".join(f"{number} ({share:.0%})" for number, share in self.shares) or "none"
+        """The cuboids, the most used first, and how many there are besides."""
+        told = [f"{number} ({share:.0%})" for number, share in self.shares[:_TOLD]]
+        left = len(self.shares) - len(told)
+        return ", ".join([*told, *([f"{left} more"] if left else [])]) or "none"
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""

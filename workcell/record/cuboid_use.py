@@ -38,12 +38,15 @@ class CuboidUse:
 
     A sphere counts for one cuboid: it keeps the one it is in until it leaves it, and then goes to the one that holds most
     of its link's spheres. That is geometry alone, whatever the planner was.
+
+    Attributes:
+        count: cuboids and polytopes so far.
     """
 
     def __init__(self, writer: RrdWriter) -> None:
         self._writer = writer
         self._numbers: dict[bytes, int] = {}
-        self._count = 0
+        self.count = 0
         self._bounds = np.zeros((2, 0, 3))
         self._number = np.zeros(0, dtype=np.int64)
         self._followers: dict[str, _Follower] = {}
@@ -67,8 +70,8 @@ class CuboidUse:
         return np.array([self._numbers[key] for key in keys], dtype=np.int64)
 
     def _next(self) -> int:
-        self._count += 1
-        return self._count - 1
+        self.count += 1
+        return self.count - 1
 
     def add_cover(self, robot: SceneRobot, cover: SphereCover) -> None:
         """Follow the moving spheres of a robot; a second cover takes the place of the first."""
@@ -79,6 +82,11 @@ class CuboidUse:
             path = self._path(robot.name, name)
             self._writer.log_box_style(path, (*rgb, _FILL), _EDGE_M)
             self._writer.log_numbers(path, link=link)
+
+    @property
+    def robots(self) -> frozenset[str]:
+        """Names of the robots with a cover."""
+        return frozenset(self._followers)
 
     def send(self, indexes: Indexes, qpos: Array) -> None:
         """Where every robot is at some times; qpos (T, nq)."""

@@ -35,6 +35,8 @@ _UNUSED_RGB = (0.25, 0.65, 0.35)
 _BADGE_PX = 18
 _EDGE_POINTS = 17
 _CORNER_M = 1e-6
+_MANY = 24
+"""Cuboids from which on those that no link is ever in are left out of the picture."""
 _TITLE_PX, _CAPTION_PX, _MARGIN_PX = 72, 50, 12
 
 
@@ -99,11 +101,13 @@ def _used_tile(
 ) -> None:
     """One moment, with the cuboids in use coloured and numbered."""
     used = cuboids_at(review.stage, time)
+    cuboids = [thing for thing in review.stage.things if thing.kind == "free_space"]
+    if len(cuboids) > _MANY:
+        ever = {str(number) for use in review.stage.uses for number in use.distinct}
+        cuboids = [thing for thing in cuboids if thing.owner in ever]
     lines: list[Line] = []
     badges: list[tuple[int, Array]] = []
-    for thing in review.stage.things:
-        if thing.kind != "free_space":
-            continue
+    for thing in cuboids:
         number = int(thing.owner) if thing.owner.isdigit() else -1
         edges, low, high = _outline(thing)
         if number in used:

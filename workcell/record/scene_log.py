@@ -26,6 +26,8 @@ from workcell.record.tracks import BodyPoses, Track
 if TYPE_CHECKING:
     import mujoco
 
+    from workcell.motion.world import PlanningWorld
+
 FORMAT = 1
 """Version of the entity layout, stored in the manifest."""
 
@@ -162,9 +164,18 @@ class SceneLog:
         Another free space adds to the first: its cuboids get the numbers that follow, those already there keep theirs. With a
         cover (`log_cover`), the recording shows from then on which cuboids the links are inside.
         """
+        before = self._cuboids.count
         self._cuboids.add_free_space(free_space)
-        self._locate()
-        self.flush()
+        if self._cuboids.count > before:
+            self._locate()
+            self.flush()
+
+    def log_world(self, world: PlanningWorld) -> None:
+        """What a planner sees of a scene that is in the recording: the cuboids that are not there yet, and the spheres of a
+        robot that has none yet. The cuboids are free of that world's obstacles; what moves may enter them in another."""
+        if world.robot.name not in self._cuboids.robots:
+            self.log_cover(world.robot, world.cover, world.scene.initial_qpos())
+        self.log_free_space(world.free_space)
 
     def log_obstacle_cover(self, cover: SphereCover) -> None:
         """Spheres of obstacles, in the world frame."""

@@ -109,7 +109,7 @@ class _Optimisation:
         self.distance = np.linalg.norm(goals - start, axis=1)
         self.paths: list[Array] = []
         self.reached: list[int] = []
-        self.length, self.done = float("inf"), 0
+        self.length, self.done, self.searches = float("inf"), 0, 0
         self.tally = np.zeros(2, dtype=np.int64)
 
     def run(self, path: Array, goal: int, deadline: float) -> Shortened:
@@ -146,7 +146,7 @@ class _Optimisation:
             self.length = length
 
     def shorten(self, path: Array, goal: int) -> None:
-        shorter, tally = shorten(self.body, path, self.effort, self.seed + len(self.paths))
+        shorter, tally = shorten(self.body, path, self.effort, self.seed + self.searches)
         self.tally += tally
         self.keep(shorter, goal)
 
@@ -154,7 +154,8 @@ class _Optimisation:
         """Trees of the start, the goals that are near enough and the best path so far, and the rows of these goals."""
         rows = np.flatnonzero(self.distance < self.length)
         path, root = self.paths[-1], np.flatnonzero(rows == self.reached[-1])
-        trees = _new_trees(self.start, self.goals[rows], self.seed + len(self.paths), len(path))
+        self.searches += 1
+        trees = _new_trees(self.start, self.goals[rows], self.seed + self.searches, len(path))
         _hang(trees, 0, 0, path)
         if len(root):
             _hang(trees, 1, int(root[0]), path[::-1])

@@ -21,7 +21,7 @@ from workcell.ik.kernels.options import RandomState, uniform
 from workcell.jit import inner, kernel
 from workcell.motion.kernels.body import Body, Room, room
 from workcell.motion.kernels.line import INTERVALS, PROVED, prove_line
-from workcell.motion.kernels.touch import line_touches
+from workcell.motion.kernels.touch import free_samples
 from workcell.motion.kernels.tree import (
     EDGES,
     FINEST,
@@ -189,10 +189,11 @@ def _cheaper_parents(body: Body, trees: Costs, side: int, node: int, work: Room)
         parent = _affordable(trees, side, q, budget)
         if parent < 0 or parent == trees.parents[side, node] or parent == node:
             return
-        samples = line_touches(body, trees.nodes[side, parent], q, _SPACING, work)
+        samples = math.ceil(_apart(trees.nodes[side, parent], q) / _SPACING)
+        free = free_samples(body, trees.nodes[side, parent], q, samples, work)
         trees.tally[EDGES] += 1
-        trees.tally[LOOKS] += abs(samples)
-        if samples < 0:
+        trees.tally[LOOKS] += min(free + 1, samples)
+        if free < samples:
             return
         verdict = prove_line(body, trees.nodes[side, parent], q, 0.0, body.floor, FINEST, MOST, work)
         trees.tally[LOOKS] += verdict.looks

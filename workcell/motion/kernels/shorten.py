@@ -11,7 +11,7 @@ from workcell.ik.kernels.options import RandomState, uniform
 from workcell.jit import inner, kernel
 from workcell.motion.kernels.body import Body, Room, room
 from workcell.motion.kernels.line import INTERVALS, PROVED, prove_line
-from workcell.motion.kernels.touch import line_touches
+from workcell.motion.kernels.touch import free_samples
 from workcell.motion.kernels.tree import FINEST, MOST
 from workcell.pose import Array
 
@@ -31,10 +31,11 @@ def _distance(a: Array, b: Array) -> float:
 
 @inner
 def _clear(body: Body, a: Array, b: Array, tally: NDArray[np.int64], work: Room) -> bool:
-    samples = line_touches(body, a, b, _SPACING, work)
+    samples = math.ceil(_distance(a, b) / _SPACING)
+    free = free_samples(body, a, b, samples, work)
     tally[0] += 1
-    tally[1] += abs(samples)
-    if samples < 0:
+    tally[1] += min(free + 1, samples)
+    if free < samples:
         return False
     verdict = prove_line(body, a, b, 0.0, body.floor, FINEST, MOST, work)
     tally[1] += verdict.looks

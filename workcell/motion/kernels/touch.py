@@ -5,8 +5,6 @@ A yes is final. A no proves nothing: it says that a proof is worth its time.
 
 from __future__ import annotations
 
-import math
-
 from workcell.geometry.kernels.chain import carried, forward
 from workcell.geometry.kernels.distance import BOX, HALFSPACE, HULL, hull_height, signed_distance
 from workcell.jit import inner
@@ -74,33 +72,23 @@ def _enters(body: Body, T: Array, link: int, j: int) -> bool:
 
 
 @inner
-def _touches_itself(body: Body, T: Array, a: int, b: int) -> bool:
-    ax, ay, az = carried(T, a, body.balls, a)
-    bx, by, bz = carried(T, b, body.balls, b)
-    reach = body.balls[a, 3] + body.balls[b, 3] + body.floor
-    if (bx - ax) ** 2 + (by - ay) ** 2 + (bz - az) ** 2 > reach * reach:
-        return False
-    for i in range(int(body.balls[b, 4]), int(body.balls[b, 5])):
-        bx, by, bz = carried(T, b, body.spheres, i)
-        for k in range(int(body.balls[a, 4]), int(body.balls[a, 5])):
-            if body.apart[i, k] == 0:
-                continue
-            ax, ay, az = carried(T, a, body.spheres, k)
-            reach = body.spheres[i, 3] + body.spheres[k, 3] + body.floor
-            if reach > 0.0 and (bx - ax) ** 2 + (by - ay) ** 2 + (bz - az) ** 2 < reach * reach:
-                return True
-    return False
-
-
-@inner
-def touches(body: Body, q: Array, work: Room) -> bool:
-    """Whether something is nearer than the body's floor at q (n,)."""
-    forward(body.frames, q, work.T)
-    if _touches_obstacles(body, work.T):
-        return True
+def _touches_itself(body: Body, T: Array) -> bool:
     for p in range(body.pairs.shape[0]):
-        if _touches_itself(body, work.T, body.pairs[p, 0], body.pairs[p, 1]):
-            return True
+        a, b = body.pairs[p, 0], body.pairs[p, 1]
+        ax, ay, az = carried(T, a, body.balls, a)
+        bx, by, bz = carried(T, b, body.balls, b)
+        reach = body.balls[a, 3] + body.balls[b, 3] + body.floor
+        if (bx - ax) ** 2 + (by - ay) ** 2 + (bz - az) ** 2 > reach * reach:
+            continue
+        for i in range(int(body.balls[b, 4]), int(body.balls[b, 5])):
+            bx, by, bz = carried(T, b, body.spheres, i)
+            for k in range(int(body.balls[a, 4]), int(body.balls[a, 5])):
+                if body.apart[i, k] == 0:
+                    continue
+                ax, ay, az = carried(T, a, body.spheres, k)
+                reach = body.spheres[i, 3] + body.spheres[k, 3] + body.floor
+                if reach > 0.0 and (bx - ax) ** 2 + (by - ay) ** 2 + (bz - az) ** 2 < reach * reach:
+                    return True
     return False
 
 
@@ -111,29 +99,7 @@ def free_samples(body: Body, a: Array, b: Array, count: int, work: Room) -> int:
         share = i / count
         for k in range(a.shape[0]):
             work.q[k] = a[k] + share * (b[k] - a[k])
-        if touches(body, work.q, work):
+        forward(body.frames, work.q, work.T)
+        if _touches_obstacles(body, work.T) or _touches_itself(body, work.T):
             return i - 1
     return count
-
-
-@inner
-def line_touches(body: Body, a: Array, b: Array, spacing: float, work: Room) -> int:
-    """Looks at inner points of a line about `spacing` radians apart, the middle first.
-
-    Returns the number of looks, negative where the last one found that something touches.
-    """
-    square, looks = 0.0, 0
-    for k in range(a.shape[0]):
-        square += (b[k] - a[k]) ** 2
-    wanted, parts = math.sqrt(square) / spacing, 2
-    while True:
-        for i in range(1, parts, 2):
-            share = i / parts
-            for k in range(a.shape[0]):
-                work.q[k] = a[k] + share * (b[k] - a[k])
-            looks += 1
-            if touches(body, work.q, work):
-                return -looks
-        if parts >= wanted:
-            return looks
-        parts *= 2

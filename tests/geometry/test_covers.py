@@ -182,3 +182,15 @@ def test_superfluous_spheres_are_dropped_and_the_rest_shrunk():
     assert len(radii) == 1
     away = np.linalg.norm(left[0])
     assert radii[0] == pytest.approx(0.1 + away, abs=2e-4) and radii[0] >= 0.1 + away - 1e-12
+
+
+def test_a_sphere_is_its_own_cover_and_two_are_tightened_in_few_cells() -> None:
+    """All of a sphere's surface is equally far from its centre: to resolve it finely would take forever."""
+    pieces = [
+        Piece("a", "sphere", Pose.from_xyz([0.3, 0.0, 0.0]), np.array([0.25])),
+        Piece("b", "sphere", Pose.from_xyz([0.3, 0.0, 0.2]), np.array([0.12])),
+    ]
+    centres, radii, overshoot = cover_pieces(pieces[:1], 0.02)
+    assert centres.tolist() == [[0.3, 0.0, 0.0]] and 0.25 <= radii[0] < 0.2502 and overshoot[0] < 2e-4
+    centres, radii, overshoot = cover_pieces(pieces, 0.02)
+    assert prove_cover(pieces, centres, radii) is None and overshoot.max() <= 0.02 and len(radii) <= 3

@@ -39,6 +39,8 @@ _CANDIDATES, _SAMPLES, _WORKING = 3000, 12_000, 1500
 
 def cover_union(pieces: Sequence[Piece], overshoot: float) -> tuple[Array, Array]:
     """Centres (m, 3) and radii (m,) of balls that hold all pieces, proved; each sticks out by `overshoot` at most."""
+    if len(pieces) == 1 and pieces[0].kind == "sphere":
+        return pieces[0].pose.position[None], pieces[0].size[:1] + _PAD
     shape = ObstacleArrays(pieces)
     samples = surface_samples(pieces, shape)
     working = samples[:_WORKING]

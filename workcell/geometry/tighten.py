@@ -19,6 +19,9 @@ from workcell.pose import Array
 
 _EIGHTHS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 
+_CELLS = 100_000
+"""Cells beyond which a radius is left as exact as it is: a whole sphere's surface is equally far from its centre."""
+
 
 def tighten(
     pieces: Sequence[Piece], centres: Array, radii: Array, *, resolution: float
@@ -65,7 +68,7 @@ def _needed(
         cells, farthest, middle, depth = cells[meets], farthest[meets], middle[meets], depth[meets]
         if len(cells) == 0:
             return known
-        if half <= resolution:
+        if half <= resolution or len(cells) > _CELLS:
             return min(radius, float(farthest.max()))
         inside = depth <= 0
         needed = inside & (middle <= radius) & ~_held(cells, 0.0, others, reach)

@@ -13,8 +13,8 @@ from workcell.errors import InputError, UnknownNameError
 from workcell.ik.result import Status
 from workcell.jit import announce_compiling
 from workcell.job import Job
-from workcell.model.contact import CollisionModel
 from workcell.model.data import find_task
+from workcell.model.overlap import start_overlap
 from workcell.model.scene import Scene
 from workcell.record.recording import Recording
 from workcell.record.summary import write_json_atomic
@@ -120,12 +120,11 @@ def run_task(
 
 def _check_starts(scene: Scene) -> None:
     """Raise InputError, with the pair and the depth, for a robot that stands in something before anything moves."""
-    for name, robot in scene.robots.items():
-        start = CollisionModel(scene, name).distance(robot.start)
-        if start.distance < 0:
-            first, second = start.pair
+    for name in scene.robots:
+        if overlap := start_overlap(scene, name):
+            what, remedy = overlap
             raise InputError(
-                f"the start is in collision: {first} and {second} overlap by {-1e3 * start.distance:.1f} mm",
+                f"the start is in collision: {what}",
                 where=f"{scene.path}: robot {name!r} start",
-                remedy="give a clear start, or move what it stands in; `workcell check` looks at the start alone",
+                remedy=f"{remedy}; `workcell check` looks at the start alone",
             )

@@ -173,3 +173,35 @@ def test_a_urdf_gets_actuators_and_a_tool(tmp_path):
     robot = load_robot(tmp_path / "two.urdf")
     assert robot.joint_names == ("j1", "j2")
     assert np.allclose(robot.fk([np.pi / 2, 0.1]).position, [0, 0.4, 0.5])
+
+
+LIFT = """<robot name="lift"><link name="base"/><link name="car"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="rail" type="prismatic">
+<parent link="base"/><child link="car"/><axis xyz="0 0 1"/><limit lower="0" upper="1" effort="5" VELOCITY/></joint></robot>"""
+
+
+def test_a_urdf_keeps_its_velocity_limits(tmp_path):
+    path = tmp_path / "lift.urdf"
+    for text, velocity in (('velocity="0.25"', 0.25), ('velocity="0"', np.inf), ("", np.inf)):
+        path.write_text(LIFT.replace("VELOCITY", text))
+        assert load_robot(path).velocity.tolist() == [velocity]
+    for text in ("-1", "nan", "fast", "inf"):
+        path.write_text(LIFT.replace("VELOCITY", f'velocity="{text}"'))
+        with pytest.raises(ModelError, match=r"lift\.urdf.*'rail' has the velocity limit"):
+            load_robot(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("arm.txt", b"<mujoco/>", "not the name of a model file"),
+        ("arm", b"<mujoco/>", "not the name of a model file"),
+        ("arm.urdf", bytes(range(256)), "not a text file"),
+        ("arm.xml", b"", "can't read this file"),
+    ],
+)
+def test_what_is_no_model_file_is_said_in_one_message(tmp_path, capfd, name, content, says):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ModelError, match=says):
+        load_robot(tmp_path / name)
+    assert capfd.readouterr() == ("", "")

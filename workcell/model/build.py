@@ -12,7 +12,7 @@ from workcell.errors import InputError, ModelError, UnknownNameError
 from workcell.model.actuators import actuator_of_joint
 from workcell.model.compiled import link_bodies, robot_from_model
 from workcell.model.data import find_asset, find_task, is_path, list_assets, list_tasks
-from workcell.model.load import compile_spec, load_spec
+from workcell.model.load import compile_spec, load_spec, quiet_mujoco
 from workcell.model.scene import Goal, Scene, SceneObject, SceneRobot, site_pose
 from workcell.model.taskfile import ObjectEntry, RobotEntry, TaskFile, read_task_file
 from workcell.pose import Pose
@@ -33,9 +33,10 @@ def build_scene(source: str | Path, robot: str | None, seed: int | None = None) 
 
 
 def _compiled(spec: mujoco.MjSpec, task: TaskFile, seed: int | None = None) -> Scene:
-    homes = {entry.name: _attach_robot(spec, entry, task) for entry in task.robots}
-    for k, entry in enumerate(task.objects):
-        _attach_object(spec, entry, task, _variation(entry, k, seed))
+    with quiet_mujoco():
+        homes = {entry.name: _attach_robot(spec, entry, task) for entry in task.robots}
+        for k, entry in enumerate(task.objects):
+            _attach_object(spec, entry, task, _variation(entry, k, seed))
     if not task.robots:
         task = _robots_inside(spec, task)
     _add_grasp_welds(spec, task)

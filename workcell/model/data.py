@@ -35,13 +35,16 @@ def is_path(name: str | Path) -> bool:
     return Path(text).suffix.lower() in _MODEL_SUFFIXES or "/" in text or "\\" in text
 
 
-def find_asset(kind: AssetKind, name: str | Path, *, relative_to: Path | None = None) -> Path:
+def find_asset(
+    kind: AssetKind, name: str | Path, *, relative_to: Path | None = None, where: str | None = None
+) -> Path:
     """The model file of a name (`assets/<kind>/<name>.xml`) or of a path.
 
     Args:
         kind: robots, objects or cells.
         name: a bare name, or a path (anything with a separator or a model suffix).
         relative_to: folder that relative paths start from; the working directory otherwise.
+        where: what gives the name, for messages.
 
     Raises:
         ModelError: the path does not exist; UnknownNameError: no asset of that name.
@@ -53,13 +56,13 @@ def find_asset(kind: AssetKind, name: str | Path, *, relative_to: Path | None = 
         if not path.is_file():
             raise ModelError(
                 "there is no such file" if not path.is_dir() else "this is a folder, not a model file",
-                where=path,
+                where=path if where is None else f"{where}: {path}",
                 remedy=f"give an MJCF or URDF file, or one of: {', '.join(list_assets(kind))}",
             )
         return path.resolve()
     path = data_root() / "assets" / kind / f"{text}.xml"
     if not path.is_file():
-        raise UnknownNameError(_SINGULAR[kind], text, list_assets(kind))
+        raise UnknownNameError(_SINGULAR[kind], text, list_assets(kind), where=where)
     return path
 
 
@@ -79,7 +82,7 @@ def find_task(name: str | Path) -> Path:
         path = Path(text).expanduser().with_suffix(".toml")
         if not path.is_file():
             raise ModelError(
-                "there is no such task file",
+                "this is a folder, not a task file" if path.is_dir() else "there is no such task file",
                 where=path,
                 remedy=f"a TOML file, or one of: {', '.join(list_tasks())}",
             )

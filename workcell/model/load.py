@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import re
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
+from xml.etree import ElementTree
 
 from workcell.errors import ModelError
-from workcell.model.compiled import robot_from_model
+from workcell.model.compiled import VELOCITY, robot_from_model
 from workcell.model.data import AssetKind, find_asset
 from workcell.model.robot import Robot
 
@@ -15,25 +20,50 @@ if TYPE_CHECKING:
     import mujoco
 
 
+_READABLE = (".xml", ".mjcf", ".urdf")
+
+
 def load_spec(
-    name: str | Path, *, kind: AssetKind = "robots", relative_to: Path | None = None
+    name: str | Path,
+    *,
+    kind: AssetKind = "robots",
+    relative_to: Path | None = None,
+    where: str | None = None,
 ) -> mujoco.MjSpec:
     """The editable MuJoCo model of an asset name, an MJCF file or a URDF file.
 
-    A URDF gets a torque actuator on every moving joint, since URDF has none; its `package://` references are
-    looked for in the folders above the file.
+    A URDF gets a torque actuator on every moving joint, since URDF has none, and keeps its velocity limits; its
+    `package://` references are looked for in the folders above the file.
+
+    Args:
+        name: of an asset, or the path of a file.
+        kind: of asset.
+        relative_to: folder that relative paths start from; the working directory otherwise.
+        where: what names the model, for messages.
 
     Raises:
         ModelError: missing or malformed file, with MuJoCo's own message; UnknownNameError: no asset of that name.
     """
     import mujoco
 
-    path = find_asset(kind, name, relative_to=relative_to)
+    path = find_asset(kind, name, relative_to=relative_to, where=where)
+    if path.suffix.lower() not in _READABLE:
+        raise ModelError(
+            "this is not the name of a model file", where=path, remedy=f"it ends in {', '.join(_READABLE)}"
+        )
     try:
-        if path.suffix.lower() == ".urdf" or "<robot" in path.read_text(errors="replace")[:2000]:
-            return _load_urdf(path)
-        spec = mujoco.MjSpec.from_file(str(path))
+        with quiet_mujoco():
+            if path.suffix.lower() == ".urdf" or "<robot" in path.read_text(errors="replace")[:2000]:
+                return _load_urdf(path)
+            if path.suffix.lower() == ".xml":
+                spec = mujoco.MjSpec.from_file(str(path))
+            else:
+                spec = mujoco.MjSpec.from_string(path.read_text(encoding="utf-8"))
         _make_asset_paths_absolute(spec, path)
+    except UnicodeDecodeError:
+        raise ModelError(
+            "this is not a text file", where=path, remedy="an MJCF or URDF file is one"
+        ) from None
     except (ValueError, OSError, mujoco.FatalError) as error:
         raise ModelError(
             f"MuJoCo can't read this file: {_one_line(error)}", where=path, remedy="mend the file"
@@ -46,9 +76,28 @@ def compile_spec(spec: mujoco.MjSpec, where: str | Path) -> mujoco.MjModel:
     import mujoco
 
     try:
-        return spec.compile()
+        with quiet_mujoco():
+            return spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise ModelError(f"MuJoCo can't compile this model: {_one_line(error)}", where=where) from None
+
+
+@contextmanager
+def quiet_mujoco() -> Iterator[None]:
+    """Without MuJoCo's warnings, which go to the console and to a log file in the working directory.
+
+    They tell that a robot's simulation options differ from its cell's; the cell's hold.
+    """
+    import mujoco
+
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 def load_robot(name: str | Path, tool: str | None = None) -> Robot:
@@ -87,10 +136,33 @@ def _load_urdf(path: Path) -> mujoco.MjSpec:
     for joint in spec.joints:
         if joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
             spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    for name, velocity in _velocity_limits(text, path).items():
+        spec.add_numeric(name=name + VELOCITY, data=[velocity])
     if not list(spec.sites):
         leaf = max(spec.bodies, key=lambda body: len(_spec_ancestors(body)))
         leaf.add_site(name="tool")
     return spec
+
+
+def _velocity_limits(urdf: str, path: Path) -> dict[str, float]:
+    """The velocity limits of a URDF's joints by name, where it gives them; MuJoCo leaves them out."""
+    limits = {}
+    for joint in ElementTree.fromstring(urdf).findall("joint"):
+        limit = joint.find("limit")
+        text = None if limit is None else limit.get("velocity")
+        if text is None or joint.get("type") not in ("revolute", "continuous", "prismatic"):
+            continue
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not 0 <= value < math.inf:
+            raise ModelError(
+                f"joint {joint.get('name')!r} has the velocity limit {text!r}", where=path, remedy="a number"
+            )
+        if value > 0:  # exporters write 0 where they know none
+            limits[str(joint.get("name"))] = value
+    return limits
 
 
 def _spec_ancestors(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,6 +16,8 @@ from workcell.errors import InputError, ModelError, UnknownNameError
 from workcell.pose import Pose
 
 FORMAT = "workcell-task/1"
+
+_NAME = re.compile(r"\w[\w.-]*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,32 +75,30 @@ def read_task_file(path: Path) -> TaskFile:
     """Parse and validate; raises ModelError naming the file and the key."""
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ModelError(f"can't read this file: {error}", where=path) from None
+    except OSError as error:
+        raise ModelError(f"can't read this file: {error.strerror}", where=path) from None
+    except UnicodeDecodeError:
+        raise ModelError("this is not a text file", where=path, remedy="a TOML file, in UTF-8") from None
     except tomllib.TOMLDecodeError as error:
         raise ModelError(f"this is not valid TOML: {error}", where=path) from None
-    if table.get("format") != FORMAT:
-        raise ModelError(
-            f"format is {table.get('format')!r}",
-            where=f"{path}: format",
-            remedy=f'a task file begins with format = "{FORMAT}"',
-        )
     reader = _Reader(path)
+    if table.get("format") != FORMAT:
+        given = f"is {table['format']!r}" if "format" in table else "is missing"
+        raise reader.error("format", given, f'format = "{FORMAT}"')
     reader.only_keys(
         table, {"format", "name", "description", "cell", "robots", "objects", "goals", "task"}, ""
     )
     robots = tuple(_robot(reader, entry, k) for k, entry in enumerate(reader.tables(table, "robots")))
     objects = tuple(_object(reader, entry, k) for k, entry in enumerate(reader.tables(table, "objects")))
     goals = tuple(_goal(reader, entry, k, robots) for k, entry in enumerate(reader.tables(table, "goals")))
-    reader.unique([r.name for r in robots], "robots")
-    reader.unique([o.name for o in objects], "objects")
+    reader.unique([*(r.name for r in robots), *(o.name for o in objects)], "robots and objects")
     reader.unique([g.name for g in goals], "goals")
     task = table.get("task", {})
     if not isinstance(task, dict):
         raise reader.error("task", "must be a table", "[task]")
     return TaskFile(
         path,
-        reader.text(table, "name", "", default=path.stem),
+        reader.name(table, "", default=path.stem),
         reader.text(table, "cell", ""),
         robots,
         objects,
@@ -109,9 +111,11 @@ def _robot(reader: _Reader, entry: Mapping[str, Any], k: int) -> RobotEntry:
     at = f"robots[{k}]"
     reader.only_keys(entry, {"name", "model", "mount", "gripper", "gripper_site", "start"}, at)
     start = entry.get("start", "home")
+    if isinstance(start, str) and start != "home":
+        raise reader.error(f"{at}.start", f"is {start!r}", '"home", or one number for each joint')
     values = None if start == "home" else reader.numbers(entry, "start", at)
     return RobotEntry(
-        name=reader.text(entry, "name", at),
+        name=reader.name(entry, at),
         model=reader.text(entry, "model", at),
         mount=reader.text(entry, "mount", at, default=""),
         gripper=reader.text(entry, "gripper", at, default="") or None,
@@ -135,7 +139,7 @@ def _object(reader: _Reader, entry: Mapping[str, Any], k: int) -> ObjectEntry:
     if fixed and (any(vary_xyz) or vary_yaw):
         raise reader.error(at, "is fixed and varies", "one of the two")
     return ObjectEntry(
-        reader.text(entry, "name", at),
+        reader.name(entry, at),
         reader.text(entry, "model", at),
         reader.text(entry, "place", at),
         fixed,
@@ -158,8 +162,12 @@ def _goal(reader: _Reader, entry: Mapping[str, Any], k: int, robots: tuple[Robot
         raise reader.error(
             at, f"is not a pose: {error}", "xyz in metres and a unit quaternion quat_wxyz"
         ) from None
-    name = reader.text(entry, "name", at)
+    name = reader.name(entry, at)
     return GoalEntry(name, robot, reader.text(entry, "relative_to", at, default="world"), offset)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,21 +191,26 @@ class _Reader:
             )
         return value
 
+    def name(self, table: Mapping[str, Any], at: str, *, default: str | None = None) -> str:
+        """A name of files and of prefixes in the compiled model."""
+        name = self.text(table, "name", at, default=default)
+        if not _NAME.fullmatch(name):
+            raise self.error(f"{at}.name".lstrip("."), f"is {name!r}", "letters, digits, _ - and . inside")
+        return name
+
     def number(self, table: Mapping[str, Any], key: str, at: str, *, default: float) -> float:
         value = table.get(key, default)
-        if not isinstance(value, int | float) or isinstance(value, bool):
-            raise self.error(f"{at}.{key}", f"is {value!r}", "a number")
+        if not _is_number(value):
+            raise self.error(f"{at}.{key}", f"is {value!r}", "a finite number")
         return float(value)
 
     def numbers(
         self, table: Mapping[str, Any], key: str, at: str, *, default: tuple[float, ...] | None = None
     ) -> tuple[float, ...]:
         value = table.get(key, default)
-        if not isinstance(value, list | tuple) or not all(
-            isinstance(x, int | float) and not isinstance(x, bool) for x in value
-        ):
+        if not isinstance(value, list | tuple) or not all(_is_number(x) for x in value):
             raise self.error(
-                f"{at}.{key}", "is missing" if value is None else f"is {value!r}", "a list of numbers"
+                f"{at}.{key}", "is missing" if value is None else f"is {value!r}", "a list of finite numbers"
             )
         return tuple(float(x) for x in value)
 

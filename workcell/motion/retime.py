@@ -234,7 +234,8 @@ def motion_limits(
             raise InputError(
                 f"the {name} limit of {robot.joint_names[joint]} is {values[joint]}",
                 where=name,
-                remedy="pass positive, finite limits: one number, or one for each joint",
+                remedy=f"pass {name}=, one positive number or one for each joint, or give the robot's MJCF file "
+                f'<custom><numeric name="{robot.joint_names[joint]}:{name}" data="..."/></custom>',
             )
         limits.append(np.array(values))
     return limits[0], limits[1]

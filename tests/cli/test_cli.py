@@ -183,3 +183,82 @@ def test_ik_takes_a_goal_of_less_than_a_pose(capsys):
     )
     code, _, error = call(capsys, "ik", "ur10", "--pose", *POSE, "--goal", "tip")
     assert code == 2 and "position" in error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("solve", "set.json", "--out", "set.json"), "would overwrite"),
+        (("solve", "set.json", "--out", "folder"), "directory"),
+        (("solve", "set.json", "--out", "pipe"), "not a plain file"),
+        (("plan", "set.json", "--out", "set.json"), "would overwrite"),
+        (
+            ("decompose", "shelf", "--robot", "ur10", "--out", "a.json", "--table", "a.json"),
+            "would overwrite",
+        ),
+        (("bench", "ikspark-free", "--n", "1", "--out", "pipe"), "not a plain file"),
+    ],
+)
+def test_no_output_takes_the_place_of_what_is_read_or_of_a_device(
+    capsys, tmp_path, monkeypatch, arguments, says
+):
+    import os
+    import shutil
+    from pathlib import Path
+
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(Path(__file__).parents[1] / "data" / "planar_free.json", "set.json")
+    Path("folder").mkdir()
+    os.mkfifo("pipe")
+    before = Path("set.json").read_bytes()
+    code, out, err = call(capsys, *arguments)
+    assert code == exit_codes.BAD_INPUT and says in err.lower() and out == ""
+    assert Path("set.json").read_bytes() == before and not Path("pipe").is_file() and Path("folder").is_dir()
+
+
+@pytest.mark.parametrize("option", ["--out", "--png", "--rrd", "--table"])
+def test_an_empty_file_name_is_bad_usage(capsys, option):
+    code, _, err = call(capsys, "decompose", "shelf", option, "")
+    assert code == exit_codes.BAD_INPUT and "not the name of a file" in err
+
+
+ARM = """<mujoco><worldbody><body name="base"><geom name="foot" size="0.1"/><body name="upper" pos="0 0 0.15">
+<joint name="lift" axis="0 1 0" range="-60 60"/><geom name="rod" size="0.1"/><site name="tool" pos="0 0 0.3"/>
+</body></body></worldbody><actuator><motor joint="lift"/></actuator></mujoco>"""
+
+
+def test_check_of_an_own_arm_lists_its_joints_and_what_it_lacks(capsys, tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM)
+    code, out, _ = call(capsys, "check", str(path))
+    assert code == exit_codes.BAD_INPUT and "lift: [-1.0472, 1.0472] rad" in out
+    assert "no acceleration limit" in out and "foot and rod overlap by 50.0 mm" in out
+    path.write_text(
+        ARM.replace("<actuator>", '<contact><exclude body1="base" body2="upper"/></contact><actuator>')
+    )
+    assert '<exclude body1="base" body2="upper"/>' in out
+    code, out, _ = call(capsys, "check", str(path))
+    assert code == exit_codes.DONE and "nothing wrong" in out
+
+
+def test_ik_puts_a_robot_file_of_the_working_folder_into_a_cell(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    arm = ARM.replace('size="0.1"', 'size="0.05"')
+    (tmp_path / "arm.mjcf").write_text(arm.replace("<worldb", '<option integrator="implicit"/><worldb'))
+    (tmp_path / "cell.xml").write_text(
+        '<mujoco><worldbody><geom name="wall" type="box" size="0.1 1 1" pos="2 0 0"/></worldbody></mujoco>'
+    )
+    pose = ("0", "0", "0.45", "1", "0", "0", "0")
+    code, out, err = call(capsys, "ik", "arm.mjcf", "--cell", "cell.xml", "--pose", *pose)
+    assert (code, err) == (exit_codes.DONE, "") and out.startswith("SOLVED")
+    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
+
+
+def test_ik_names_the_robots_of_a_cell_that_has_several(capsys):
+    code, _, err = call(capsys, "ik", "ur10", "--cell", "dual_arm_carry", "--pose", *"0001000")
+    assert code == exit_codes.BAD_INPUT and "known: left, right" in err
+
+
+def test_a_pipe_gets_whole_lines(capsys):
+    _, out, _ = call(capsys, "robots")
+    assert any("parallel_gripper" in line and line.rstrip().endswith(".xml") for line in out.splitlines())

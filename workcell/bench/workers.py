@@ -16,6 +16,7 @@ from types import MappingProxyType
 from typing import Any, Protocol, TextIO
 
 from workcell.errors import OutputError, WorkcellError
+from workcell.record.summary import replaceable
 
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -98,22 +99,27 @@ def _single_threaded() -> Iterator[None]:
 
 @contextlib.contextmanager
 def output_file(out: Path | None) -> Iterator[TextIO | None]:
-    """The open partial file, which takes its name when everything went well."""
+    """The open partial file, which takes its name when everything went well.
+
+    Raises:
+        OutputError: it can't be written there, or what stands there is no plain file.
+    """
     if out is None:
         yield None
         return
-    partial = out.with_name(out.name + ".partial")
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
+        target = replaceable(out)
+        partial = target.with_name(target.name + ".partial")
+        target.parent.mkdir(parents=True, exist_ok=True)
         file = partial.open("w", encoding="utf-8")
     except OSError as error:
         raise OutputError(
-            f"can't be written: {error.strerror}", where=partial, remedy="choose a writable folder with --out"
+            f"can't be written: {error.strerror}", where=out, remedy="choose a writable folder with --out"
         ) from None
     try:
         yield file
         file.close()
-        partial.replace(out)
+        partial.replace(target)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"interrupted; the answers so far are in {partial}") from None
     except OSError as error:

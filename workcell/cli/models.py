@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from workcell.cli import exit_codes
-from workcell.cli.output import print_json, print_table, progress_bar
+from workcell.cli.output import check_outputs, print_json, print_table, progress_bar
 from workcell.errors import UnknownNameError
 
 if TYPE_CHECKING:
+    from workcell.model.robot import Robot
     from workcell.model.scene import Scene
 
 
@@ -115,19 +118,35 @@ def _check_robot(name: str) -> dict[str, Any]:
         sites = ", ".join(model.site(site).name for site in range(model.nsite))
         return {"file": name, "kind": "gripper", "contents": [f"tools {sites}"], "problems": []}
     robot = robot_from_model(model, name=name, where=path)
+    return {"file": name, "kind": "robot", "contents": _robot_lines(robot), "problems": []}
+
+
+def _robot_lines(robot: Robot) -> list[str]:
     lines = [f"{robot.name}: {robot.dof} joints, reach {robot.reach():.3f} m, tools {', '.join(robot.tools)}"]
     for k, joint in enumerate(robot.joint_names):
         unit = "m" if robot.prismatic[k] else "rad"
         lines.append(
             f"{joint}: [{robot.lower[k]:.4f}, {robot.upper[k]:.4f}] {unit}, velocity {robot.velocity[k]:g}, effort {robot.effort[k]:g}"
         )
-    return {"file": name, "kind": "robot", "contents": lines, "problems": []}
+    unlimited = [
+        joint for joint, limit in zip(robot.joint_names, robot.acceleration, strict=True) if limit == math.inf
+    ]
+    if unlimited:
+        lines.append(
+            f"no acceleration limit, which timed motions need: {', '.join(unlimited)} "
+            f'(<custom><numeric name="{unlimited[0]}:acceleration" data="..."/></custom> in MJCF, '
+            "or acceleration= in the task's script)"
+        )
+    return lines
 
 
 def _check_scene(name: str) -> dict[str, Any]:
     from workcell.model.scene import Scene
 
     scene = Scene.load(name)
+    if scene.path.suffix != ".toml" and len(scene.robots) == 1 and not scene.obstacles:
+        lines = _robot_lines(replace(scene.robot().robot, name=scene.name))
+        return {"file": name, "kind": "robot", "contents": lines, "problems": _scene_problems(scene)}
     lines = [f"obstacles: {', '.join(scene.obstacles) or 'none'}"]
     lines += [
         f"object {thing.name}: {'free' if thing.qpos_address is not None else 'fixed'}"
@@ -149,7 +168,7 @@ def _scene_problems(scene: Scene) -> list[str]:
     import mujoco
 
     from workcell.model.compiled import is_gripper
-    from workcell.model.contact import CollisionModel
+    from workcell.model.overlap import start_overlap
 
     problems = []
     model = scene.model
@@ -162,13 +181,10 @@ def _scene_problems(scene: Scene) -> list[str]:
             f"no joint is actuated, so that there is no robot: {', '.join(joints)}; "
             "add an <actuator> with a <motor joint=...> for every joint that workcell may move"
         )
-    for robot in scene.robots.values():
-        start = CollisionModel(scene, robot.name).distance(robot.start)
-        if start.distance < 0:
-            a, b = start.pair
-            problems.append(
-                f"robot {robot.name} starts in collision: {a} and {b} overlap by {-1e3 * start.distance:.1f} mm"
-            )
+    for name in scene.robots:
+        if overlap := start_overlap(scene, name):
+            what, remedy = overlap
+            problems.append(f"robot {name} starts in collision: {what}; {remedy}")
     return problems
 
 
@@ -180,11 +196,10 @@ def decompose(options: argparse.Namespace) -> int:
     """Sphere covers and free-space cuboids of a cell, with their quality."""
     from workcell.geometry.decompose import decompose as run
     from workcell.model.scene import Scene
-    from workcell.record.summary import check_writable, write_json_atomic
+    from workcell.record.summary import write_json_atomic
 
-    for path in filter(None, (options.out, options.png, options.rrd, options.table)):
-        check_writable(path)
     scene = Scene.load(options.cell, robot=options.robot)
+    check_outputs((options.out, options.png, options.rrd, options.table), (options.cell, options.robot))
     with progress_bar("decompose", 6) as bar:
         result = run(scene, overshoot=options.overshoot, seed=options.seed, progress=bar.step)
     document = result.to_json()

@@ -4,8 +4,18 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Iterable, Sequence
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from workcell.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+_PIPE_WIDTH = 1000
+"""Columns where no terminal sets them: another program reads whole lines."""
 
 
 def print_json(value: object) -> None:
@@ -15,13 +25,42 @@ def print_json(value: object) -> None:
     print(json.dumps(plain(value), indent=2))
 
 
-def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """A table; numbers to the right."""
-    from rich import box
+def check_outputs(outputs: Iterable[str | Path | None], inputs: Iterable[str | Path | None] = ()) -> None:
+    """Before the work: each file can be written, and none is an input or another output.
+
+    Raises:
+        OutputError: a file can't be written there; InputError: it would overwrite what is read, or another one.
+    """
+    from workcell.record.summary import check_writable
+
+    taken = [Path(name).resolve() for name in inputs if name and Path(name).is_file()]
+    for path in [Path(name) for name in outputs if name]:
+        if path.resolve() in taken:
+            raise InputError(
+                "the output would overwrite what this command reads or writes",
+                where=path,
+                remedy="another name",
+            )
+        check_writable(path)
+        taken.append(path.resolve())
+
+
+def console() -> Console:
+    """Standard output: as wide as the terminal (or COLUMNS), without folding lines in a pipe."""
     from rich.console import Console
+
+    plain = Console()
+    if plain.is_terminal or "COLUMNS" in os.environ:
+        return plain
+    return Console(width=_PIPE_WIDTH)
+
+
+def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """A table under its title; numbers to the right."""
+    from rich import box
     from rich.table import Table
 
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     listed = [list(row) for row in rows]
     for column, name in enumerate(header):
         numeric = bool(listed) and all(
@@ -30,7 +69,9 @@ def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[objec
         table.add_column(name, justify="right" if numeric else "left", overflow="fold")
     for row in listed:
         table.add_row(*(_cell(value) for value in row))
-    Console(soft_wrap=False).print(table)
+    screen = console()
+    screen.print(title, style="italic", markup=False, highlight=False)
+    screen.print(table)
 
 
 def _cell(value: object) -> str:

@@ -7,6 +7,8 @@ import importlib
 import re
 from collections.abc import Callable
 
+from workcell.cli import values
+
 Command = Callable[[argparse.Namespace], int]
 
 _EXIT_CODES = """\
@@ -28,6 +30,13 @@ def build_parser() -> argparse.ArgumentParser:
     _add_bench(commands)
     _add_running(commands)
     return parser
+
+
+class _Help(argparse.HelpFormatter):
+    """Examples stay on one line, to be pasted."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return text if text.startswith("example: ") else super()._fill_text(text, width, indent)
 
 
 def _version() -> str:
@@ -61,6 +70,7 @@ def _command(
         help=help_text,
         description=help_text[0].upper() + help_text[1:] + ".",
         epilog=f"example: workcell {example}",
+        formatter_class=_Help,
     )
     parser.set_defaults(command=run, parser=parser)
     return parser
@@ -72,7 +82,7 @@ def _json_option(parser: argparse.ArgumentParser) -> None:
 
 def _seed_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--seed", type=_non_negative_int, default=0, metavar="N", help="same seed, same answer (default: 0)"
+        "--seed", type=values.count, default=0, metavar="N", help="same seed, same answer (default: 0)"
     )
 
 
@@ -102,20 +112,36 @@ def _add_models(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
         _late("models", "decompose"),
     )
     decompose.add_argument("cell", metavar="CELL", help="a cell or task (name or path)")
-    decompose.add_argument("--robot", metavar="R", help="a robot to mount in a cell that has none")
+    decompose.add_argument(
+        "--robot",
+        metavar="R",
+        help="a robot to mount in a cell that has none: at its site robot_mount, or at the origin",
+    )
     decompose.add_argument(
         "--overshoot",
-        type=_positive,
+        type=values.positive,
         default=0.02,
         metavar="M",
         help="of the spheres, metres (default: 0.02)",
     )
-    decompose.add_argument("--out", metavar="FILE", help="write spheres, cuboids and metrics as JSON")
-    decompose.add_argument("--png", metavar="FILE", help="draw geometry, spheres and free space")
     decompose.add_argument(
-        "--table", metavar="FILE.npz", help="write which sphere can be in which cuboid, for later planning"
+        "--out", type=values.file_name, metavar="FILE", help="write spheres, cuboids and metrics as JSON"
     )
-    decompose.add_argument("--rrd", metavar="FILE", help="record geometry, spheres and free space for Rerun")
+    decompose.add_argument(
+        "--png", type=values.file_name, metavar="FILE", help="draw geometry, spheres and free space"
+    )
+    decompose.add_argument(
+        "--table",
+        type=values.file_name,
+        metavar="FILE.npz",
+        help="write which sphere can be in which cuboid, for later planning",
+    )
+    decompose.add_argument(
+        "--rrd",
+        type=values.file_name,
+        metavar="FILE",
+        help="record geometry, spheres and free space for Rerun",
+    )
     _seed_option(decompose)
     _json_option(decompose)
 
@@ -144,7 +170,11 @@ def _add_solving(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     # argparse alone takes -1e-3 for an option
     ik._negative_number_matcher = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$|^-(inf|nan)$")
     ik.add_argument("--tool", metavar="SITE", help="the site to place (default: the robot's tool)")
-    ik.add_argument("--cell", metavar="CELL", help="a cell or task with obstacles")
+    ik.add_argument(
+        "--cell",
+        metavar="CELL",
+        help="a cell or task with obstacles; a cell alone gets ROBOT at its site robot_mount, or at the origin",
+    )
     ik.add_argument(
         "--goal",
         choices=("pose", "position", "axis"),
@@ -164,9 +194,12 @@ def _add_solving(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     solve.add_argument("set", metavar="SET.json", help="a problem set (format workcell-ikset/1)")
     _solver_options(solve)
-    solve.add_argument("--jobs", type=_positive_int, default=1, metavar="N", help="processes (default: 1)")
+    solve.add_argument(
+        "--jobs", type=values.positive_int, default=1, metavar="N", help="processes (default: 1)"
+    )
     solve.add_argument(
         "--out",
+        type=values.file_name,
         metavar="ANSWERS.jsonl",
         help="write one JSON line a problem; without it only the table is printed",
     )
@@ -181,25 +214,28 @@ def _add_solving(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
     )
     plan.add_argument("set", metavar="SET.json", help="a problem set whose problems have a start")
     plan.add_argument(
-        "--budget-s", type=_not_negative, default=5.0, metavar="S", help="CPU seconds a problem (default: 5)"
+        "--budget-s", type=values.seconds, default=5.0, metavar="S", help="CPU seconds a problem (default: 5)"
     )
     plan.add_argument(
         "--optimise-s",
-        type=_not_negative,
+        type=values.seconds,
         default=0.0,
         metavar="S",
         help="CPU seconds a problem to spend on shorter and shorter paths, on top of the budget (default: 0)",
     )
     plan.add_argument(
         "--optimise-iterations",
-        type=_positive_int,
+        type=values.positive_int,
         default=None,
         metavar="N",
         help="samples to draw for that, at most; without --optimise-s they alone count, and a seed gives one path",
     )
-    plan.add_argument("--jobs", type=_positive_int, default=1, metavar="N", help="processes (default: 1)")
+    plan.add_argument(
+        "--jobs", type=values.positive_int, default=1, metavar="N", help="processes (default: 1)"
+    )
     plan.add_argument(
         "--out",
+        type=values.file_name,
         metavar="PATHS.jsonl",
         help="write one JSON line a problem; without it only the table is printed",
     )
@@ -229,16 +265,18 @@ def _add_bench(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     bench.add_argument("bench", metavar="NAME", nargs="?", help="see --list")
     bench.add_argument("--list", action="store_true", help="list the benches")
     bench.add_argument(
-        "--n", type=_positive_int, metavar="N", help="problems a row (default: the bench's own)"
+        "--n", type=values.positive_int, metavar="N", help="problems a row (default: the bench's own)"
     )
     bench.add_argument(
         "--sets", metavar="DIR", help="folder of problem-set files, for the benches that run them"
     )
     bench.add_argument(
-        "--seeds", type=_positive_int, default=1, metavar="N", help="run N seeds and report the worst"
+        "--seeds", type=values.positive_int, default=1, metavar="N", help="run N seeds and report the worst"
     )
-    bench.add_argument("--jobs", type=_positive_int, default=1, metavar="N", help="processes (default 1)")
-    bench.add_argument("--out", metavar="FILE", help="write the rows as JSON")
+    bench.add_argument(
+        "--jobs", type=values.positive_int, default=1, metavar="N", help="processes (default 1)"
+    )
+    bench.add_argument("--out", type=values.file_name, metavar="FILE", help="write the rows as JSON")
     _seed_option(bench)
     _json_option(bench)
 
@@ -251,7 +289,7 @@ def _solver_options(parser: argparse.ArgumentParser) -> None:
         help="auto, hjcd, branch, multistart, ikspark, ikspark+lm, cidgik, cidgik+lm (default: auto)",
     )
     parser.add_argument(
-        "--budget-s", type=_not_negative, default=5.0, metavar="S", help="CPU seconds a problem (default: 5)"
+        "--budget-s", type=values.seconds, default=5.0, metavar="S", help="CPU seconds a problem (default: 5)"
     )
     _seed_option(parser)
 
@@ -279,7 +317,10 @@ def _add_running(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="what drives the motors: computed_torque (default) or servo, a joint servo with feed-forward",
     )
     run.add_argument(
-        "--out", metavar="DIR", help="folder of the recording and the summary (default: runs/TASK)"
+        "--out",
+        type=values.file_name,
+        metavar="DIR",
+        help="folder of the recording and the summary (default: runs/TASK)",
     )
     _seed_option(run)
     _json_option(run)
@@ -292,33 +333,14 @@ def _add_running(commands: argparse._SubParsersAction[argparse.ArgumentParser]) 
         _late("running", "review"),
     )
     review.add_argument("file", metavar="FILE.rrd", nargs="+", help="a recording; two with --compare")
-    review.add_argument("--png", metavar="DIR", help="write a contact sheet and plots there")
-    review.add_argument("--html", metavar="FILE", help="write one page that holds everything, pictures too")
+    review.add_argument(
+        "--png", type=values.file_name, metavar="DIR", help="write a contact sheet and plots there"
+    )
+    review.add_argument(
+        "--html",
+        type=values.file_name,
+        metavar="FILE",
+        help="write one page that holds everything, pictures too",
+    )
     review.add_argument("--compare", action="store_true", help="say what differs between two recordings")
     _json_option(review)
-
-
-def _number(text: str, kind: type, wanted: str, holds: Callable[[float], bool]) -> float:
-    try:
-        value: float = kind(text)
-    except ValueError:
-        value = float("nan")
-    if not (value < float("inf") and holds(value)):
-        raise argparse.ArgumentTypeError(f"{text!r} is not {wanted}")
-    return value
-
-
-def _positive(text: str) -> float:
-    return _number(text, float, "a positive number", lambda value: value > 0)
-
-
-def _not_negative(text: str) -> float:
-    return _number(text, float, "a number of seconds", lambda value: value >= 0)
-
-
-def _positive_int(text: str) -> int:
-    return int(_number(text, int, "a positive whole number", lambda value: value > 0))
-
-
-def _non_negative_int(text: str) -> int:
-    return int(_number(text, int, "a whole number, zero or more", lambda value: value >= 0))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from workcell.ahead import SAMPLING, compile_ahead
 from workcell.cli import exit_codes
-from workcell.cli.output import print_json, print_table, progress_bar
+from workcell.cli.output import check_outputs, print_json, print_table, progress_bar
 
 
 def plan(options: argparse.Namespace) -> int:
@@ -24,6 +24,7 @@ def plan(options: argparse.Namespace) -> int:
         effort = Effort(
             optimise_s=options.optimise_s or float("inf"), optimise_iterations=options.optimise_iterations
         )
+    check_outputs([options.out], [options.set])
     out = Path(options.out) if options.out else None
     with progress_bar(f"plan {Path(options.set).name}", len(problem_set.problems)) as bar:
         summary = plan_set(

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from workcell.cli import exit_codes
-from workcell.cli.output import print_json, print_table
+from workcell.cli.output import check_outputs, console, print_json, print_table
 
 if TYPE_CHECKING:
     from workcell.record.review import Review
@@ -54,8 +54,6 @@ def _say(text: str) -> None:
 
 def review(options: argparse.Namespace) -> int:
     """Verdict, metrics and pictures of a recording, or what differs between two."""
-    from rich.console import Console
-
     from workcell.record.review import review as read
 
     wanted = 2 if options.compare else 1
@@ -66,11 +64,13 @@ def review(options: argparse.Namespace) -> int:
     if options.compare:
         return _compare(options)
     result = read(Path(options.file[0]))
+    sheet = Path(options.png) / "contact_sheet.png" if options.png else None
+    check_outputs((sheet, options.html), options.file)
     written = _write_review(result, options)
     if options.json:
         print_json({**result.to_json(), "pictures": [str(path) for path in written]})
     else:
-        Console().print(result.table())
+        console().print(result.table())
         for path in written:
             print(f"wrote {path}")
     return exit_codes.DONE if result.achieved else exit_codes.NOT_ACHIEVED
@@ -85,8 +85,6 @@ def _write_review(result: Review, options: argparse.Namespace) -> list[Path]:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from rich.console import Console
-
     from workcell.record.compare import compare
     from workcell.record.review import review as read
 
@@ -97,5 +95,5 @@ def _compare(options: argparse.Namespace) -> int:
     if options.json:
         print_json(comparison.to_json())
     else:
-        Console().print(comparison.table())
+        console().print(comparison.table())
     return exit_codes.DONE if first.achieved and second.achieved else exit_codes.NOT_ACHIEVED

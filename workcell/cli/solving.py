@@ -11,8 +11,8 @@ import numpy as np
 
 from workcell.ahead import DECIDING, compile_ahead
 from workcell.cli import exit_codes
-from workcell.cli.output import print_json, print_table, progress_bar
-from workcell.errors import InputError
+from workcell.cli.output import check_outputs, print_json, print_table, progress_bar
+from workcell.errors import InputError, UnknownNameError
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import IKResult
 from workcell.pose import Pose
@@ -55,7 +55,7 @@ def _compile_ahead(solver: str) -> None:
 
 def _world(options: argparse.Namespace) -> PlanningWorld:
     """The robot alone checks itself against itself; in a cell, against everything there."""
-    from workcell.model.data import list_assets
+    from workcell.model.data import is_path, list_assets
     from workcell.model.scene import Scene
     from workcell.motion.world import PlanningWorld
 
@@ -65,16 +65,15 @@ def _world(options: argparse.Namespace) -> PlanningWorld:
         scene = robot_scene(options.robot)
         name = None
     else:
-        scene = Scene.load(options.cell)
-        name = options.robot if options.robot in scene.robots else None
-        if name is None:
-            fits = (
-                options.robot in list_assets("robots")
-                or "/" in options.robot
-                or options.robot.endswith(".xml")
-            )
-            scene = Scene.load(options.cell, robot=options.robot) if fits else scene
-            name = None if fits else options.robot
+        scene, name = Scene.load(options.cell), options.robot
+        if name not in scene.robots:
+            if not is_path(name) and name not in list_assets("robots"):
+                raise UnknownNameError(
+                    "robot", name, {*scene.robots, *list_assets("robots")}, where=options.cell
+                )
+            if len(scene.robots) > 1:
+                raise UnknownNameError("robot", name, scene.robots, where=options.cell)
+            scene, name = Scene.load(options.cell, robot=name), None
     return PlanningWorld.of(scene, name, tool=options.tool, seed=options.seed)
 
 
@@ -89,7 +88,7 @@ def _result_json(problem: IKProblem, result: IKResult) -> dict[str, Any]:
         "position_error_m": result.position_error,
         "rotation_error_rad": result.rotation_error,
         "clearance_m": result.clearance.distance,
-        "nearest_pair": result.clearance.pair,
+        "nearest_pair": result.clearance.pair if any(result.clearance.pair) else None,
         "certificate": None
         if certificate is None
         else {"kind": certificate.kind, "statement": certificate.statement, "margin": certificate.margin},
@@ -125,6 +124,7 @@ def solve(options: argparse.Namespace) -> int:
     check_solver_name(options.solver)
     _compile_ahead(options.solver)
     problem_set = load_problem_set(Path(options.set))
+    check_outputs([options.out], [options.set])
     out = Path(options.out) if options.out else None
     with progress_bar(f"solve {Path(options.set).name}", len(problem_set.problems)) as bar:
         summary = solve_set(
@@ -181,10 +181,9 @@ def bench(options: argparse.Namespace) -> int:
         return exit_codes.DONE
     if options.bench is None:
         raise InputError("which bench?", where="bench", remedy="workcell bench --list names them")
-    from workcell.record.summary import check_writable, write_json_atomic
+    from workcell.record.summary import write_json_atomic
 
-    if options.out:
-        check_writable(options.out)
+    check_outputs([options.out])
     sets = Path(options.sets) if options.sets else None
     document = run_bench(
         options.bench, n=options.n, seed=options.seed, sets=sets, seeds=options.seeds, jobs=options.jobs

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.motion.local_solver import solve_locally
-from workcell.errors import InputError, ModelError, UnknownNameError
+from workcell.errors import InputError, ModelError, UnknownNameError, WorkcellError
 from workcell.ik.problem import IKProblem
 from workcell.model.build import robot_scene
 from workcell.model.scene import Scene
@@ -124,6 +124,23 @@ def test_the_payload_is_in_the_torque(scene, picking):
     assert np.allclose(sim.result().torque[-1], np.abs(loaded), atol=0.05)
 
 
+def test_orders_that_make_no_sense(scene):
+    sim, still = Simulation(scene), stationary("sawyer", scene.robot().start, 0.004)
+    for order, message in (
+        (lambda: sim.execute([]), "no robot"),
+        (lambda: sim.execute([still, still]), "one for each robot"),
+        (lambda: sim.move_gripper(1.7), "share of 1.7"),
+        (lambda: sim.move_gripper(float("nan")), "share of nan"),
+        (lambda: sim.release(opening=-0.1), "share of -0.1"),
+        (lambda: sim.hold(float("nan")), "duration of nan"),
+        (lambda: sim.hold(-1.0), "duration of -1.0"),
+        (lambda: sim.grasp("brick", hold="glue"), "no hold named 'glue'"),
+    ):
+        with pytest.raises(WorkcellError, match=message):
+            order()
+    assert sim.time == 0.0
+
+
 def test_an_empty_hand_can_not_release(scene):
     sim = Simulation(scene)
     with pytest.raises(InputError, match="holds nothing"):
@@ -139,14 +156,21 @@ def test_putting_the_brick_back(scene, robot, above):
     down = follow(problem, line(scene.goal("above").pose, grasp), above, solver=solve_locally).path
     raised = Pose.from_xyz([0, 0, 0.03]) @ grasp
     lift = follow(problem, line(grasp, raised), down.end, solver=solve_locally).path
-    assert sim.execute(retime(down, tool_speed=0.25)) and sim.grasp("brick")
-    assert sim.execute(retime(lift)) and sim.object_pose("brick").position[2] > 0.025
+    assert sim.execute(retime(down, tool_speed=0.25))
+    # said before the brick is lifted, and still true afterwards
     sim.expect_contact("brick", "plinth")
+    assert sim.grasp("brick")
+    with pytest.raises(InputError, match="holds the brick"):
+        sim.attach("brick")
+    assert sim.execute(retime(lift)) and sim.object_pose("brick").position[2] > 0.025
     assert sim.execute(retime(lift.reversed())) and sim.release() and sim.hold(0.2)
     assert sim.execute(retime(down.reversed(), tool_speed=0.25)) and sim.hold(0.2)
     distance, angle = sim.object_pose("brick").error_to(before)
     assert distance < 1e-3 and angle < 0.01 and sim.T_tool_object is None
     assert not sim.result().contacts
+    # the hand has left the brick: touching it again, with closed fingers from above, is unintended
+    assert sim.move_gripper(0.0) and not sim.execute(retime(down, tool_speed=0.25))
+    assert sim.stop.reason is StopReason.CONTACT and "brick" in sim.stop.detail
 
 
 def test_putting_it_back_is_unintended_unless_said(scene, robot, above, picking):

@@ -32,11 +32,10 @@ class ContactRules:
         """Ids of the geoms of these bodies."""
         return np.flatnonzero(np.isin(self._model.geom_bodyid, list(bodies)))
 
-    def intend(self, first: Iterable[int], second: Iterable[int], intended: bool = True) -> None:
-        """Say whether contact between two sets of geoms is intended."""
-        a, b = np.array(list(first), dtype=int), np.array(list(second), dtype=int)
-        self._intended[np.ix_(a, b)] = intended
-        self._intended[np.ix_(b, a)] = intended
+    def intend(self, pairs: Iterable[tuple[int, int]], intended: bool = True) -> None:
+        """Say whether contact between pairs of geoms is intended."""
+        for a, b in pairs:
+            self._intended[a, b] = self._intended[b, a] = intended
 
     def watch(self, thing: SceneObject, carried: bool) -> None:
         """Count an object as part of a robot, or no longer."""

@@ -13,6 +13,7 @@ from workcell.pose import Array, Pose
 from workcell.simulate.arm import Arm
 from workcell.simulate.execution import StopReason
 from workcell.simulate.grasp import Hand, Weld, finger_speed
+from workcell.simulate.orders import check_free_hand, checked_motions, checked_seconds, checked_share
 from workcell.simulate.stepping import Settings, Stepper
 from workcell.simulate.watch import Held, Hold
 
@@ -128,10 +129,11 @@ class Simulation(Stepper):
         whose trajectory ends before the others', hold their place.
 
         Raises:
-            InputError: a time step that is not the simulation's, another robot's joints, or another start.
+            InputError: no trajectory or two for one robot, a time step that is not the simulation's, another robot's
+                joints, or another start.
             UnknownNameError: a robot that the scene doesn't have.
         """
-        motions = [motion] if isinstance(motion, Trajectory) else list(motion)
+        motions = checked_motions(motion, len(self.arms))
         references = self._still()
         for trajectory in motions:
             one = self.arm(trajectory.robot_name if len(self.arms) > 1 else None)
@@ -144,38 +146,32 @@ class Simulation(Stepper):
         return self._run(references, steps)
 
     def hold(self, seconds: float) -> bool:
-        """Stand still."""
-        return self.stop is None and self._run(self._still(), self._steps(seconds) + 1)
+        """Stand still; raises InputError for a negative duration."""
+        steps = self._steps(checked_seconds(seconds))
+        return self.stop is None and self._run(self._still(), steps + 1)
 
     def move_gripper(self, opening: float, robot: str | None = None) -> bool:
         """Move a gripper's set point to a share of its range: 0 closed, 1 open.
 
         Raises:
-            ModelError: the robot has no gripper.
+            ModelError: the robot has no gripper; InputError: a share outside [0, 1].
         """
         hand = self.arm(robot).gripper()
-        target = hand.closed + opening * (hand.open - hand.closed)
+        target = hand.closed + checked_share(opening, "opening") * (hand.open - hand.closed)
         return self._move_actuator(hand.actuator, target, self.settings.close_s)
 
     def actuate(self, actuator: str, share: float, seconds: float = 1.0) -> bool:
         """Move the set point of an actuator of the cell, a chuck or a door, to a share of its range.
 
         Raises:
-            UnknownNameError: no such actuator, or a robot's.
+            UnknownNameError: no such actuator, or a robot's; InputError: a share outside [0, 1], a negative duration.
         """
         names = self.scene.actuators()
         if actuator not in names:
             raise UnknownNameError("actuator", actuator, names, where=self.scene.path)
         low, high = self._model.actuator_ctrlrange[names[actuator]]
-        return self._move_actuator(names[actuator], low + share * (high - low), seconds)
-
-    def _move_actuator(self, actuator: int, target: float, seconds: float) -> bool:
-        still = self._still()
-        for value in np.linspace(self._data.ctrl[actuator], target, self._steps(seconds) + 1)[1:]:
-            self._data.ctrl[actuator] = value
-            if self.stop is not None or not self._run(still, 2):
-                return False
-        return True
+        target = low + checked_share(share, "share") * (high - low)
+        return self._move_actuator(names[actuator], target, checked_seconds(seconds))
 
     def grasp(self, name: str, robot: str | None = None, *, hold: Hold = "weld") -> bool:
         """Close a gripper on an object and hold it; stops the run when the fingers don't both touch it.
@@ -187,13 +183,13 @@ class Simulation(Stepper):
                 contact forces alone, so that it may slip, which is watched.
 
         Raises:
-            UnknownNameError, ModelError: no such object, no gripper, or no weld for the two.
+            UnknownNameError, ModelError: no such object, no gripper, no weld for the two, or no such way to hold.
+            InputError: the hand holds something.
         """
-        arm, mine = self.arm(robot), self._watch.geoms_of(name)
-        hand = arm.gripper()
-        Weld.of(self._model, arm.robot, self.scene.object(name))
+        arm = self._free_hand(name, robot, hold)
         if self.stop is not None:
             return False
+        hand, mine = arm.gripper(), self._watch.geoms_of(name)
         self.log(f"{self._whose(arm)}closing the gripper on the {name}")
         self._watch.expect(self._watch.geoms(hand.bodies), mine)
         if not (self.move_gripper(0.0, robot) and self._wait_for_grip(hand, mine)):
@@ -210,16 +206,24 @@ class Simulation(Stepper):
 
         Raises:
             UnknownNameError, ModelError: no such object, no gripper, or no weld for the two.
+            InputError: the hand holds something.
         """
-        arm, mine = self.arm(robot), self._watch.geoms_of(name)
-        hand = arm.gripper()
-        Weld.of(self._model, arm.robot, self.scene.object(name))
+        arm = self._free_hand(name, robot, "weld")
         if self.stop is not None:
             return False
-        self._watch.expect(self._watch.geoms(hand.bodies), mine)
+        self._watch.expect(self._watch.geoms(arm.gripper().bodies), self._watch.geoms_of(name))
         self._take(arm, name, "weld")
         self.log(f"{self._whose(arm)}the {name} is attached to the hand")
         return True
+
+    def _free_hand(self, name: str, robot: str | None, hold: str) -> Arm:
+        """A robot whose hand is free to hold an object; raises as `grasp`."""
+        arm = self.arm(robot)
+        arm.gripper()
+        Weld.of(self._model, arm.robot, self.scene.object(name))
+        if self.stop is None:
+            check_free_hand(arm.name, self._watch.held, hold)
+        return arm
 
     def _take(self, arm: Arm, name: str, hold: Hold) -> None:
         thing = self.scene.object(name)
@@ -254,9 +258,10 @@ class Simulation(Stepper):
         After a stop it does nothing, like every order.
 
         Raises:
-            InputError: the hand holds nothing.
+            InputError: the hand holds nothing, or a share outside [0, 1].
         """
         arm, held = self.arm(robot), self.holding(robot)
+        checked_share(opening, "opening")
         if self.stop is not None:
             return False
         if held is None:

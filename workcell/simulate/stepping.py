@@ -138,6 +138,14 @@ class Stepper:
                     return False
         return True
 
+    def _move_actuator(self, actuator: int, target: float, seconds: float) -> bool:
+        still = self._still()
+        for value in np.linspace(self._data.ctrl[actuator], target, self._steps(seconds) + 1)[1:]:
+            self._data.ctrl[actuator] = value
+            if self.stop is not None or not self._run(still, 2):
+                return False
+        return True
+
     def _steps(self, seconds: float) -> int:
         return max(round(seconds / self.timestep), 1)
 
@@ -178,6 +186,7 @@ class Stepper:
             return
         for name in self._watch.notice_lift():
             self.log(f"the {name} is clear of what it stood on")
+        self._watch.notice_parting()
         for name, slip in self._watch.notice_slip():
             self.log(f"the {name} slips in the hand: {1e3 * slip:.1f} mm", "WARN")
         arms = list(self.arms.values())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     import mujoco
 
 Hold = Literal["weld", "friction"]
+Pair = tuple[int, int]
+"""Ids of two geoms, the smaller first."""
 
 _LIFTED = 1e-3
 """Metres above what it stood on, at which an object counts as lifted."""
@@ -66,7 +69,9 @@ class Watch:
         self._distance = mujoco.mj_geomDistance
         self._scene, self._robots, self._model, self._data = scene, tuple(robots), model, data
         self._rules = ContactRules(model, frozenset[int]().union(*(robot.body_ids for robot in robots)))
-        self._expected: set[tuple[int, int]] = set()
+        self._expected: set[Pair] = set()
+        self._until_lifted: set[Pair] = set()
+        self._until_parted: dict[tuple[str, str], set[Pair]] = {}
         self._collision = [CollisionModel(scene, robot.name) for robot in robots]
         self.held: dict[str, Held] = {}
 
@@ -125,11 +130,15 @@ class Watch:
 
     # ---- what changes it ----------------------------------------------------------------------------------------
 
-    def expect(self, first: Iterable[int], second: Iterable[int], expected: bool = True) -> None:
-        """Say whether contact between two sets of geoms is intended, to the guard and to the clearance alike."""
-        a, b = list(first), list(second)
-        self._rules.intend(a, b, expected)
-        pairs = {(x, y) for x in a for y in b}
+    def expect(self, first: Iterable[int], second: Iterable[int]) -> None:
+        """Contact between two sets of geoms is intended from now on, to the guard and to the clearance alike."""
+        pairs = _pairs(first, second)
+        self._until_lifted -= pairs
+        self._until_parted = {key: left for key, left in self._until_parted.items() if not left & pairs}
+        self._change(pairs, True)
+
+    def _change(self, pairs: set[Pair], expected: bool) -> None:
+        self._rules.intend(pairs, expected)
         self._expected = self._expected | pairs if expected else self._expected - pairs
         self._rebuild()
 
@@ -137,25 +146,39 @@ class Watch:
         """An object is part of the robot now; until it is lifted it may touch what it stands on."""
         self.held[robot] = held
         self._rules.watch(held.thing, carried=True)
-        self.expect(self.geoms(held.thing.body_ids), held.supports)
+        standing = _pairs(self.geoms(held.thing.body_ids), held.supports) - self._expected
+        self._until_lifted |= standing
+        self._change(standing, True)
 
     def let_go(self, robot: str) -> None:
-        """The robot's hand is empty again."""
+        """The robot's hand is empty again; it may touch what it held until it has left that."""
         left = self.held.pop(robot, None)
         if left is not None:
             still = any(held.thing is left.thing for held in self.held.values())
             self._rules.watch(left.thing, carried=still)
+            hand = self._scene.robot(robot)
+            geoms = self.geoms(hand.link_body_ids[hand.robot.tool().link])
+            self._until_parted[robot, left.thing.name] = _pairs(geoms, self.geoms(left.thing.body_ids))
             self._rebuild()
+
+    def notice_parting(self) -> None:
+        """Hands that have left what they let go of must not touch it again."""
+        for key, pairs in list(self._until_parted.items()):
+            if not self._near(pairs):
+                del self._until_parted[key]
+                self._change(pairs, False)
 
     def notice_lift(self) -> list[str]:
         """Names of the held objects that have just left what they stood on; touching that again is unintended."""
         lifted = []
         for robot, held in list(self.held.items()):
             mine = self.geoms(held.thing.body_ids)
-            if not held.supports or self._near(mine, held.supports):
+            standing = _pairs(mine, held.supports)
+            if not standing or self._near(standing):
                 continue
             self.held[robot] = replace(held, supports=frozenset())
-            self.expect(mine, held.supports, expected=False)
+            self._change(standing & self._until_lifted, False)
+            self._until_lifted -= standing
             lifted.append(held.thing.name)
         return list(dict.fromkeys(lifted))
 
@@ -169,11 +192,9 @@ class Watch:
                 found.append((held.thing.name, slip))
         return found
 
-    def _near(self, mine: Iterable[int], supports: Iterable[int]) -> bool:
+    def _near(self, pairs: Iterable[Pair]) -> bool:
         return any(
-            self._distance(self._model, self._data, geom, support, 2 * _LIFTED, None) <= _LIFTED
-            for geom in mine
-            for support in supports
+            self._distance(self._model, self._data, a, b, 2 * _LIFTED, None) <= _LIFTED for a, b in pairs
         )
 
     def _rebuild(self) -> None:
@@ -188,3 +209,7 @@ class Watch:
             )
             for robot in self._robots
         ]
+
+
+def _pairs(first: Iterable[int], second: Iterable[int]) -> set[Pair]:
+    return {(min(a, b), max(a, b)) for a, b in product(first, second)}

@@ -41,6 +41,12 @@ def test_the_run_ends_with_a_proof_about_the_real_geometry(run: JobResult) -> No
     assert check_certificate(replace(problem, obstacles=problem.obstacles[:-1]), certificate) is not None
 
 
+def test_a_convex_solver_ends_with_a_proof_too(tmp_path: Path) -> None:
+    run = run_task("blocked", planner="cidgik", seed=1, out=tmp_path, say=lambda _: None)
+    assert run.status == "BLOCKED" and run.impossible and run.summary["planner"] == "cidgik"
+    assert run.summary["why"]["without"] == [{"kind": "obstacle", "name": "beam"}]
+
+
 def test_it_names_the_beam_and_the_closest_pose_is_clear(run: JobResult) -> None:
     why = run.summary["why"]
     assert why["without"] == [{"kind": "obstacle", "name": "beam"}]

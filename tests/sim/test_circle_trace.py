@@ -14,7 +14,7 @@ from workcell.run import run_task
 def outcome(tmp_path_factory):
     story = []
     out = tmp_path_factory.mktemp("circle_trace")
-    return run_task("circle_trace", planner="auto", seed=2, out=out, say=story.append), story
+    return run_task("circle_trace", seed=2, out=out, say=story.append), story
 
 
 def test_the_circle_is_drawn_to_half_a_millimetre(outcome):

@@ -23,7 +23,7 @@ def test_the_crate_stands_on_the_platform(outcome):
 def test_the_hands_work_together(outcome):
     summary = outcome[0].summary
     assert 0.0 < summary["max_internal_force_n"] < 40.0
-    assert summary["max_tracking_error_m"] < 1e-3
+    assert summary["max_tracking_error_m"] < 5e-4
     assert summary["min_clearance_m"] >= 0.0 and summary["unintended_contacts"] == 0
 
 

@@ -23,6 +23,7 @@ def test_the_cup_is_carried_upright_around_the_pillar(outcome):
     assert summary["max_tilt_rad"] <= np.deg2rad(2) and summary["max_slosh_rad"] <= 0.2
     assert 0.1 < summary["pillar_passed_at_m"] < 0.2 and summary["put_down_off_by_m"] < 3e-3
     assert summary["min_clearance_m"] >= 0 and summary["unintended_contacts"] == 0
+    assert summary["max_tracking_error_m"] < 5e-4
 
 
 def test_the_recording_shows_the_cup_moving(outcome):

@@ -69,7 +69,9 @@ def run_lines(task: Task, jobs: int) -> Iterator[dict[str, Any]]:
             jobs, multiprocessing.get_context("spawn"), initializer=_start_worker, initargs=(task,)
         )
         try:
-            yield from pool.map(_worker_line, range(len(task)))
+            with _without_interrupts():
+                lines = pool.map(_worker_line, range(len(task)))
+            yield from lines
         except BrokenProcessPool:
             raise WorkcellError(
                 "a worker process died", where="jobs", remedy="use fewer processes: memory may be short"
@@ -80,6 +82,16 @@ def run_lines(task: Task, jobs: int) -> Iterator[dict[str, Any]]:
             raise
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextlib.contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Ctrl-C waits until all processes are started, which would else complain of it; they never see it themselves."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextlib.contextmanager

@@ -14,10 +14,9 @@ from workcell.errors import WorkcellError
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line; always ends in SystemExit with one of `exit_codes`."""
-    os.environ.setdefault("MUJOCO_GL", _headless_backend())
-    parser = build_parser()
-    options = parser.parse_args(arguments)
     try:
+        options = build_parser().parse_args(arguments)
+        os.environ.setdefault("MUJOCO_GL", _headless_backend())
         code = options.command(options)
         sys.stdout.flush()
     except WorkcellError as error:

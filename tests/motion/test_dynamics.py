@@ -56,5 +56,9 @@ def test_use_against_effort_limits(scene):
     q = np.tile(chain.home, (n, 1))
     hard = Trajectory("sawyer", 0.002 * np.arange(n), q, 0 * q, np.full_like(q, 200.0))
     assert not dynamics.use(hard, every=1).kept
+    # the last sample counts, however few there are
+    assert dynamics.use(stationary("sawyer", chain.home, 0.002)).share == pytest.approx(at_rest.share)
+    late = Trajectory("sawyer", hard.time, q, 0 * q, np.where(np.arange(n)[:, None] == n - 1, 200.0, 0.0 * q))
+    assert dynamics.use(late, every=4).worst == n - 1
     with pytest.raises(InputError, match="moves 3 joints"):
         dynamics.torques(stationary("x", [0, 0, 0], 0.1))

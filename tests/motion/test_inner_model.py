@@ -9,7 +9,7 @@ import pytest
 from workcell.ik.check import check_certificate
 from workcell.ik.result import Status
 from workcell.ik.solve import solve
-from workcell.ik.why_not import explain
+from workcell.ik.why_not import explain, obstacle_name
 from workcell.model.scene import Scene
 from workcell.motion.inner_model import inner_model
 from workcell.motion.world import PlanningWorld
@@ -99,3 +99,23 @@ def test_the_inside_follows_changes_of_the_question(world: PlanningWorld) -> Non
     assert inside is not None
     assert {piece.name for piece in inside.obstacles} == {"post"}
     assert inside.target == TARGET
+
+
+def test_obstacles_without_a_name_can_be_taken_away(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    """A nameless geom of the world, as many cells have them; what else was allowed stays allowed."""
+    (tmp_path / "cell.xml").write_text(
+        '<mujoco><worldbody><site name="robot_mount"/><geom type="box" pos=".7 0 .5" size=".15 .15 .15"/>'
+        '<body name="post" pos="0 -.8 .5"><geom name="post" type="box" size=".05 .05 .5"/></body></worldbody></mujoco>'
+    )
+    world = PlanningWorld.of(Scene.load(tmp_path / "cell.xml", robot="ur10"), overshoot=0.04)
+    problem = world.problem(TARGET)
+    box, post = (obstacle_name(piece) for piece in problem.obstacles)
+    assert (box, post) == ("world#0", "post")
+    q = world.robot.robot.home
+    without_box, without_both = world.relaxed(problem, [box]), world.relaxed(problem, [box, post])
+    assert [piece.name for piece in without_box.obstacles] == ["post"]
+    assert without_box.checker is not None and without_both.checker is not None
+    near = [world.clearance(q).distance, without_box.checker(q).distance, without_both.checker(q).distance]
+    assert near == sorted(near)
+    assert not any(box in pair for pair in world.collision.ignoring([], [box]).pairs)
+    assert any("post" in pair for pair in world.collision.ignoring([], [box]).pairs)

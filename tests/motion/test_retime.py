@@ -149,6 +149,7 @@ def test_repeated_waypoints_do_no_harm(planar):
         (1.0, -1.0, "acceleration"),
         (1.0, np.inf, "inf"),
         (np.nan, 1.0, "nan"),
+        ([1.0, 2.0], 1.0, "shape"),
     ],
 )
 def test_limits_that_make_no_sense(planar, velocity, acceleration, message):
@@ -169,7 +170,7 @@ def test_a_path_that_stands_still(planar):
 
 
 def test_unknown_acceleration_must_be_given(planar):
-    with pytest.raises(InputError, match="pass positive, finite limits"):
+    with pytest.raises(InputError, match="pass acceleration="):
         retime(line(planar, [1, 0, 0]))
 
 

@@ -88,11 +88,14 @@ class CollisionModel:
         self._fromto = np.zeros(6)
         self._pair_links = self._links_of(self._pairs)
 
-    def ignoring(self, bodies: Iterable[str]) -> CollisionModel:
-        """The same model without the pairs that some bodies (names) belong to."""
+    def ignoring(self, bodies: Iterable[str], geoms: Iterable[str] = ()) -> CollisionModel:
+        """The same model without the pairs that some bodies, or geoms (`geom_name`; any part of a height field), belong to."""
         skip = {self._model.body(name).id for name in bodies}
+        names = [geom_name(self._model, g) for g in range(self._model.ngeom)]
+        absent = {name if name in names else name.split("[")[0] for name in geoms}
         body_of = self._model.geom_bodyid
-        kept = [int(body_of[a]) not in skip and int(body_of[b]) not in skip for a, b in self._pairs]
+        gone = [int(body_of[g]) in skip or name in absent for g, name in enumerate(names)]
+        kept = [not (gone[a] or gone[b]) for a, b in self._pairs]
         smaller = copy.copy(self)
         smaller._pairs = self._pairs[np.array(kept, dtype=bool)]
         smaller._pair_links = self._links_of(smaller._pairs)

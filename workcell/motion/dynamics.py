@@ -113,11 +113,7 @@ class ChainDynamics:
         Raises:
             InputError: another robot's trajectory.
         """
-        if trajectory.q.shape[1] != self.robot.robot.dof:
-            raise InputError(
-                f"the trajectory moves {trajectory.q.shape[1]} joints, {self.robot.name} has {self.robot.robot.dof}",
-                where="trajectory",
-            )
+        self._check(trajectory)
         return self.at(trajectory.q, trajectory.qd, trajectory.qdd)
 
     def at(self, q: Array, qd: Array, qdd: Array) -> Array:
@@ -137,19 +133,25 @@ class ChainDynamics:
         return np.array(self._damping)
 
     def use(self, trajectory: Trajectory, every: int = 5) -> TorqueUse:
-        """Peak torques at every `every`-th sample against the robot's effort limits."""
-        thinned = Trajectory(
-            trajectory.robot_name,
-            trajectory.time[::every],
-            trajectory.q[::every],
-            trajectory.qd[::every],
-            trajectory.qdd[::every],
-        )
-        torques = np.abs(self.torques(thinned))
+        """Peak torques at every `every`-th sample, and the last, against the robot's effort limits.
+
+        Raises:
+            InputError: another robot's trajectory.
+        """
+        self._check(trajectory)
+        looked = np.unique(np.append(np.arange(0, len(trajectory), max(every, 1)), len(trajectory) - 1))
+        torques = np.abs(self.at(trajectory.q[looked], trajectory.qd[looked], trajectory.qdd[looked]))
         shares = np.where(np.isfinite(self.robot.robot.effort), torques / self.robot.robot.effort, 0.0)
-        sample, joint = np.unravel_index(int(np.argmax(shares)), shares.shape)
+        row, joint = np.unravel_index(int(np.argmax(shares)), shares.shape)
         name = self.robot.robot.joint_names[int(joint)]
-        return TorqueUse(torques.max(axis=0), shares.max(axis=0), name, every * int(sample))
+        return TorqueUse(torques.max(axis=0), shares.max(axis=0), name, int(looked[row]))
+
+    def _check(self, trajectory: Trajectory) -> None:
+        if trajectory.q.shape[1] != self.robot.robot.dof:
+            raise InputError(
+                f"the trajectory moves {trajectory.q.shape[1]} joints, {self.robot.name} has {self.robot.robot.dof}",
+                where="trajectory",
+            )
 
 
 class TooWeakError(InputError):

@@ -50,7 +50,12 @@ def point_to_point(
     if np.array_equal(start, goal):
         raise InputError("start and goal are the same", where="q_goal")
     v_max, a_max = motion_limits(robot, velocity, acceleration)
-    j_max = np.broadcast_to(np.asarray(jerk, dtype=float), (robot.dof,))
+    j_max = np.asarray(jerk, dtype=float)
+    if j_max.shape not in ((), (robot.dof,)):
+        raise InputError(
+            f"jerk limits of shape {j_max.shape}", where="jerk", remedy=f"one, or {robot.dof} of them"
+        )
+    j_max = np.broadcast_to(j_max, (robot.dof,))
     if not (np.all(np.isfinite(j_max)) and np.all(j_max > 0)):
         raise InputError(f"the jerk limits are {j_max.tolist()}", where="jerk", remedy="positive, finite")
     if not (np.isfinite(dt) and dt > 0):

@@ -225,7 +225,12 @@ def motion_limits(
         ("velocity", velocity, robot.velocity),
         ("acceleration", acceleration, robot.acceleration),
     ):
-        values = np.broadcast_to(np.asarray(own if given is None else given, dtype=float), (robot.dof,))
+        values = np.asarray(own if given is None else given, dtype=float)
+        if values.shape not in ((), (robot.dof,)):
+            raise InputError(
+                f"{name} limits of shape {values.shape}", where=name, remedy=f"one, or {robot.dof} of them"
+            )
+        values = np.broadcast_to(values, (robot.dof,))
         bad = np.isnan(values) | (values <= 0)
         if name == "acceleration":
             bad |= np.isinf(values)

@@ -14,7 +14,7 @@ from workcell.geometry.spheres import attached_cover, merge_covers
 from workcell.geometry.types import FreeSpace, Piece, SphereCover
 from workcell.ik.problem import Clearance, IKProblem, Tolerances
 from workcell.ik.why_not import obstacle_name
-from workcell.model.contact import CollisionModel
+from workcell.model.contact import CollisionModel, geom_name
 from workcell.model.grip import fingers_at, fingers_holding, hand_clearance
 from workcell.model.robot import Robot
 from workcell.model.scene import Scene, SceneRobot
@@ -165,16 +165,8 @@ class PlanningWorld:
     def relaxed(self, problem: IKProblem, names: Collection[str]) -> IKProblem:
         """A question of this world with some obstacles (`obstacle_name`) out of the way, for all who judge it."""
         model = self.scene.model
-        bodies = [name for name in names if name in {model.body(b).name for b in range(model.nbody)}]
-        alone = [name for name in names if name not in bodies]
-        mine = [g for g in range(model.ngeom) if int(model.geom_bodyid[g]) in self.robot.body_ids]
-        collision = CollisionModel(
-            self.scene,
-            self.robot.name,
-            attached=self.attached,
-            ignored=bodies,
-            allowed_geoms=[(g, model.geom(name).id) for g in mine for name in alone],
-        )
+        bodies = {model.body(b).name for b in range(model.nbody)}.intersection(names)
+        collision = self.collision.ignoring(bodies, [name for name in names if name not in bodies])
         kept = tuple(piece for piece in problem.obstacles if obstacle_name(piece) not in names)
         world = replace(self, obstacles=kept, collision=collision)
         return replace(problem, obstacles=kept, checker=world.clearance, inner=world._inside, free_space=None)
@@ -237,11 +229,11 @@ def _geom_pairs(scene: Scene, thing: str, supports: Iterable[str]) -> list[tuple
     """Every geom of an object with every support."""
     model = scene.model
     mine = scene.object(thing).body_ids
-    known = [model.geom(g).name for g in range(model.ngeom)]
+    known = [geom_name(model, g) for g in range(model.ngeom)]
     below = []
     for name in supports:
         if name not in known:
-            raise UnknownNameError("geom", name, filter(None, known), where="supports")
+            raise UnknownNameError("geom", name, known, where="supports")
         below.append(known.index(name))
     return [(g, other) for g in range(model.ngeom) if int(model.geom_bodyid[g]) in mine for other in below]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,6 @@ from workcell.bench.reports import cpu_figures
 from workcell.bench.tables import Bench, Row
 from workcell.ik.hjcdik import collect_solutions
 from workcell.ik.problem import Budget
-from workcell.model.robot import Robot
 from workcell.model.scene import Scene
 from workcell.motion.follow import follow, local_solver, step_solver
 from workcell.motion.outcome import FollowLimits, FollowResult
@@ -32,6 +32,10 @@ _LOOKED_AT = (0, -1, 25, 12, 37, 6, 18, 31, 44)
 """Waypoints at which a random line must have a configuration, to count."""
 _BETWEEN = 8
 """Places between waypoints at which the motion is measured again."""
+MEASURED_TO = 1e-6
+"""Metres to which MuJoCo measures distances."""
+MOST = 2
+"""Lines drawn for each that is to be followed, at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +49,22 @@ class Measured:
 
     @property
     def continuous(self) -> bool:
-        """Whether steps and deviations are within the limits."""
+        """Whether steps, deviations and clearance are within the limits."""
         return (
             self.largest_step <= LIMITS.max_step + 1e-9
             and self.deviation_m <= LIMITS.deviation_m
             and self.deviation_rad <= LIMITS.deviation_rad
+            and self.clearance >= LIMITS.clearance - MEASURED_TO
         )
+
+
+@dataclass(frozen=True, slots=True)
+class _Try:
+    """What became of one line, and the CPU seconds that it took."""
+
+    poses: tuple[Pose, ...]
+    result: FollowResult
+    cpu_s: float
 
 
 def feasible_lines(world: PlanningWorld, seed: int) -> Iterator[tuple[Pose, ...]]:
@@ -81,46 +95,48 @@ def _has_configuration(world: PlanningWorld, pose: Pose) -> bool:
     return bool(collect_solutions(problem, 1, budget=Budget(0.05)))
 
 
-def measure(robot: Robot, result: FollowResult, poses: tuple[Pose, ...]) -> Measured:
-    """The motion between its waypoints against the line itself, at `_BETWEEN` places of each segment."""
-    path, metrics = result.path, result.metrics
-    assert path is not None and metrics is not None
+def measure(world: PlanningWorld, result: FollowResult, poses: tuple[Pose, ...]) -> Measured:
+    """The motion against the line itself, and its clearance, on the compiled model at `_BETWEEN` places of each segment."""
+    path = result.path
+    assert path is not None
     u = np.linspace(0.0, len(path) - 1, _BETWEEN * (len(path) - 1) + 1)
-    tools = robot.fk_transform(path.at(u))
+    motion = path.at(u)
+    tools = [world.tool_pose(q) for q in motion]
     begin, along = poses[0].position, poses[-1].position - poses[0].position
-    apart = tools[:, :3, 3] - begin
+    apart = np.stack([tool.position for tool in tools]) - begin
     across = apart - np.outer(apart @ along, along) / (along @ along)
-    turned = np.einsum("kij,ij->k", tools[:, :3, :3], poses[0].rotation)
-    angles = np.arccos(np.clip(0.5 * (turned - 1.0), -1.0, 1.0))
     return Measured(
         path.largest_step,
         float(np.linalg.norm(across, axis=1).max()),
-        float(angles.max()),
-        metrics.clearance_between,
+        max(tool.error_to(poses[0])[1] for tool in tools),
+        min(world.clearance(q).distance for q in motion),
     )
 
 
 def follow_line(n: int, seed: int, sets: Path | None) -> list[Row]:
-    """For each arm n random lines: the start chosen and the line followed; followed from that start; by IKSPARK alone."""
-    rows = []
-    for robot in ROBOTS:
-        world = PlanningWorld.of(Scene.load("shelf", robot=robot), seed=seed)
-        lines = feasible_lines(world, seed)
-        drawn = [next(lines) for _ in range(n)]
-        _route(world, drawn[0], seed)  # loads and compiles
-        routes, seconds = zip(*(_route(world, poses, seed + k) for k, poses in enumerate(drawn)), strict=True)
-        rows.append(_row(f"{robot}/shelf/line/route", world, drawn, list(routes), list(seconds)))
-        starts = [None if r.path is None or not r.followed else np.array(r.path.start) for r in routes]
-        for method in ("local", "ikspark"):
-            results, spent = [], []
-            for poses, start in zip(drawn, starts, strict=True):
-                if start is not None:
-                    result, cpu = _from_start(world, poses, start, method)
-                    results.append(result)
-                    spent.append(cpu)
-            if results:
-                kept = [poses for poses, start in zip(drawn, starts, strict=True) if start is not None]
-                rows.append(_row(f"{robot}/shelf/line/{method}", world, kept, results, spent))
+    """For each arm n random lines that can be followed, and what became of those drawn beside; see `arm_rows`."""
+    return [row for robot in ROBOTS for row in arm_rows(robot, n, seed)]
+
+
+def arm_rows(robot: str, n: int, seed: int) -> list[Row]:
+    """The start chosen and the line followed, until n were; those lines from that start by local steps; by IKSPARK alone."""
+    world = PlanningWorld.of(Scene.load("shelf", robot=robot), seed=seed)
+    lines = feasible_lines(world, seed)
+    _route(world, next(feasible_lines(world, seed)), seed)  # loads and compiles
+    tries: list[_Try] = []
+    while sum(item.result.followed for item in tries) < n and len(tries) < MOST * n:
+        poses = next(lines)
+        tries.append(_Try(poses, *_route(world, poses, seed + len(tries))))
+    rows = [_row(f"{robot}/shelf/line/route", world, tries)]
+    followed = [
+        (item.poses, np.array(item.result.path.start))
+        for item in tries
+        if item.result.followed and item.result.path
+    ]
+    for method in ("local", "ikspark"):
+        again = [_Try(poses, *_from_start(world, poses, start, method)) for poses, start in followed]
+        if again:
+            rows.append(_row(f"{robot}/shelf/line/{method}", world, again))
     return rows
 
 
@@ -142,21 +158,16 @@ def _from_start(
     return result, time.process_time() - begun
 
 
-def _row(
-    name: str,
-    world: PlanningWorld,
-    lines: list[tuple[Pose, ...]],
-    results: list[FollowResult],
-    spent: list[float],
-) -> Row:
-    robot = world.robot.robot
-    followed = [k for k, result in enumerate(results) if result.followed]
-    measured = [measure(robot, results[k], lines[k]) for k in followed]
-    mean, median, p95 = cpu_figures([spent[k] / (len(lines[k]) - 1) for k in followed] or [float("nan")])
+def _row(name: str, world: PlanningWorld, tries: list[_Try]) -> Row:
+    followed = [item for item in tries if item.result.followed]
+    measured = [measure(world, item.result, item.poses) for item in followed]
+    spent = [item.cpu_s / (len(item.poses) - 1) for item in followed]
+    mean, median, p95 = cpu_figures(spent or [float("nan")])
+    others = Counter(item.result.status.value for item in tries if not item.result.followed)
     return {
         "row": name,
-        "n": len(results),
-        "success": len(followed) / len(results),
+        "n": len(tries),
+        "success": len(followed) / len(tries),
         "discontinuities": sum(not item.continuous for item in measured),
         "cpu_ms_mean": mean,
         "cpu_ms_median": median,
@@ -167,7 +178,10 @@ def _row(
             np.rad2deg(max((item.deviation_rad for item in measured), default=float("nan")))
         ),
         "clearance_mm_min": 1e3 * min((item.clearance for item in measured), default=float("nan")),
-        "not_followed": sorted({result.status.value for result in results if not result.followed}),
+        "not_followed": dict(sorted(others.items())),
+        "cpu_s_not_followed": float(
+            np.mean([item.cpu_s for item in tries if not item.result.followed] or [0.0])
+        ),
         "paper": None,
     }
 

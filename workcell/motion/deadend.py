@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from workcell.ik.hjcdik import collect_solutions
 from workcell.ik.problem import Budget, IKProblem
@@ -16,7 +16,7 @@ from workcell.pose import Array, Pose
 
 GLANCE = Budget(0.03)
 """CPU seconds in which a configuration of a pose is looked for, before a proof that there is none."""
-DIAGNOSIS = Budget(4.0)
+DIAGNOSIS = Budget(2.0)
 """CPU seconds to find out why no motion reaches a pose."""
 DIAGNOSES = 3
 """Poses of one path that so much is spent on."""
@@ -33,6 +33,7 @@ class Coroner:
         poses: of the path; tolerance: of the tool along it.
         max_step: radians.
         solver, seed: of `workcell.ik.solve`.
+        found: what was found out about poses, by their rows.
     """
 
     problem: IKProblem
@@ -41,7 +42,7 @@ class Coroner:
     max_step: float
     solver: str = "auto"
     seed: int = 0
-    left: int = DIAGNOSES
+    found: dict[int, FollowResult] = field(default_factory=dict)
 
     def impossible(self, rows: Iterable[int], q_before: Array) -> FollowResult | None:
         """The first pose, of those in rows, that is proved to have no configuration; None where none is.
@@ -50,16 +51,15 @@ class Coroner:
         """
         in_model: FollowResult | None = None
         for row in rows:
-            if self.left <= 0:
-                break
-            if self._has_configuration(row):
-                continue
-            self.left -= 1
-            found = self.at(row, q_before)
-            if found.status in PROVED:
-                return found
-            if in_model is None and found.status is FollowStatus.BLOCKED_IN_MODEL:
-                in_model = found
+            if row not in self.found:
+                if len(self.found) == DIAGNOSES or self._has_configuration(row):
+                    continue
+                self.found[row] = self.at(row, q_before)
+            result = self.found[row]
+            if result.status in PROVED:
+                return result
+            if in_model is None and result.status is FollowStatus.BLOCKED_IN_MODEL:
+                in_model = result
         return in_model
 
     def at(self, row: int, q_before: Array, detail: str = "") -> FollowResult:

@@ -15,7 +15,8 @@ from workcell.motion.graph import DeadEnd, Routes
 from workcell.motion.outcome import FollowResult, not_begun
 from workcell.motion.proof import prove_segment
 from workcell.motion.routequery import RouteQuery
-from workcell.motion.sheet import APART, Sheet
+from workcell.motion.selfmotion import APART
+from workcell.motion.sheet import Sheet
 from workcell.motion.starts import all_turns
 from workcell.motion.steps import LocalSolver
 from workcell.pose import Array
@@ -51,7 +52,7 @@ class LastResort:
         motion, may_begin = self._cheapest(sheet)
         in_part = best
         if motion is not None:
-            in_part = query.follow(self.local, motion, tuple(layer.pose for layer in sheet.layers))
+            in_part = query.follow(self.local, *sheet.without_waits(motion))
             if sheet.complete and (in_part.followed or best is None):
                 best = in_part
         if best is not None and (best.followed or sheet.complete):
@@ -71,15 +72,17 @@ class LastResort:
         return self.query.follow(self.local, end.motion, poses) if len(poses) > 1 else None
 
     def _sheet(self) -> Sheet:
-        """Everything that continuous motions reach from the starts; from any where none is given."""
+        """Everything that continuous motions reach from the starts, or from any; the tool waits only where it has to."""
         query, free = self.query, self.free_start
         starts = self.starts
         if free:
             starts = all_turns(query.template.robot, [*starts, *query.sampled(0, MANY)])
-        sheet = Sheet(
-            self.local.tracker, query.poses, query.clearance, query.problem.tolerances.safety_margin
-        )
-        sheet.grow(np.stack(starts), spread=free)
+        floor = query.problem.tolerances.safety_margin
+        for patient in (False, True):
+            sheet = Sheet(self.local.tracker, query.poses, query.clearance, floor, patient)
+            sheet.grow(np.stack(starts), spread=free)
+            if sheet.complete:
+                break
         return sheet
 
     def _cheapest(self, sheet: Sheet) -> tuple[Array | None, bool]:
@@ -109,14 +112,22 @@ class LastResort:
         if followed is not None and followed.failure is not None and followed.failure.waypoint > row:
             row, why = followed.failure.waypoint, followed.failure.detail
             q_before = q_before if followed.path is None else followed.path.end
-        proved = self.coroner.impossible(range(row, last + 1), q_before)
-        if proved is not None and (proved.status in PROVED or in_model is None):
-            return proved
         words = (
             f"{why}. No continuous motion was found among {sheet.nodes} configurations at {len(sheet.layers)} poses, "
             f"self-motions looked through every {APART:g} rad"
         )
-        return in_model or self.coroner.at(row, q_before, words)
+        proved = self.coroner.impossible(range(row, last + 1), q_before)
+        if proved is not None and proved.status in PROVED:
+            return proved
+        if in_model is None and proved is None:
+            return self.coroner.at(row, q_before, words)
+        return _explained(in_model or proved, f"In the real geometry: {words}.")
+
+
+def _explained(result: FollowResult | None, words: str) -> FollowResult:
+    """A failure with more words to it."""
+    assert result is not None and result.failure is not None
+    return replace(result, failure=replace(result.failure, detail=f"{result.failure.detail} {words}"))
 
 
 def _with_path(failure: FollowResult, followed: FollowResult | None) -> FollowResult:

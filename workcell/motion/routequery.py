@@ -44,6 +44,11 @@ class RouteQuery:
     problem: IKProblem = field(init=False)
 
     def __post_init__(self) -> None:
+        # what is told of a pose is told by its identity: one that comes twice is copied
+        first = {id(pose): row for row, pose in reversed(list(enumerate(self.poses)))}
+        self.poses = tuple(
+            pose if first[id(pose)] == row else replace(pose) for row, pose in enumerate(self.poses)
+        )
         keep = max(self.limits.clearance, self.template.tolerances.safety_margin)
         tolerances = replace(self.template.tolerances, safety_margin=keep)
         self.problem = replace(self.template, tolerances=tolerances)

@@ -11,25 +11,18 @@ ICRA 2000).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.model.robot import Robot
 from workcell.motion.graph import dearness
 from workcell.motion.local import LocalTracker
-from workcell.motion.toolpath import PathTolerance
+from workcell.motion.selfmotion import APART, Rows, differences, distinct, sideways
 from workcell.pose import Array, Pose
 
-APART = 0.08
-"""Radians, of the joint that moves most, between neighbours along a self-motion."""
-SAME = 0.5
-"""Share of it within which two nodes are one."""
 JOINED = 1.3
 """Share of it within which nodes of consecutive layers are joined."""
-SINGULAR = 1e-6
-"""Singular values of the tool's motion that count as zero."""
 WIDTH = 800
 """Nodes kept in a layer."""
 ROUNDS = 100
@@ -41,7 +34,6 @@ CHECKS = 60
 STARTS, REFUSED = 4, 0.5
 """Starts that the robot may turn out not to get to; radians around one within which others are not asked about."""
 
-Rows = NDArray[np.int64]
 Check = Callable[[Array, Array], bool]
 Begins = Callable[[Array], bool]
 
@@ -66,6 +58,7 @@ class Sheet:
         poses: of the path.
         clear: clearance (metres) of a configuration (n,), by the problem's own truth; None: it is not asked.
         floor: metres to keep by that truth.
+        patient: whether the tool may wait at a pose while the arm moves on along its self-motion.
         layers: as far as they were reached, with poses between the given ones where needed.
         reached: how many of the given poses were reached.
     """
@@ -74,6 +67,7 @@ class Sheet:
     poses: Sequence[Pose]
     clear: Callable[[Array], float] | None = None
     floor: float = 0.0
+    patient: bool = False
     layers: list[Layer] = field(default_factory=list)
     reached: int = 0
 
@@ -89,15 +83,27 @@ class Sheet:
 
     def grow(self, starts: Array, *, spread: bool) -> None:
         """Fill the layers from starts (k, n) at the first pose, and (`spread`) from their self-motions at it."""
-        q = starts[_distinct(starts, starts[:0])]
+        q = starts[distinct(starts, starts[:0])]
         if spread:
             q = self._filled(self.poses[0], q)
         self.layers = [self._layer(self.poses[0], q, np.full(len(q), np.inf), None, None)]
         self.reached = 1
+        self._wait()
         for pose in self.poses[1:]:
             if not self._onwards(pose, HALVINGS):
                 return
             self.reached += 1
+            self._wait()
+
+    def _wait(self) -> None:
+        """Layers at the pose that was reached, as long as each has more nodes than the one before."""
+        for _round in range(ROUNDS if self.patient else 0):
+            before = self.layers[-1]
+            pose = replace(before.pose)  # what is told of a pose is told by its identity
+            q, gap, parent, _ = self._arrivals(pose, before)
+            if len(before.q) >= WIDTH or len(distinct(q, before.q)) == 0:
+                return
+            self.layers.append(self._layer(pose, q, gap, before, parent))
 
     def _onwards(self, pose: Pose, halvings: int) -> bool:
         """Add the layer of the next pose; by way of poses between where no node gets there, or hardly any."""
@@ -120,12 +126,12 @@ class Sheet:
         still = np.zeros_like(before.q)
         q, gap, parent, far = self._moved(pose, before.q, still, rows)
         straight, origin = q, parent
-        for wish in _sideways(self.tracker.template.robot, self.tracker.tolerance, pose, straight):
+        for wish in sideways(self.tracker.template.robot, self.tracker.tolerance, pose, straight):
             aims = straight + wish
-            fresh = _distinct(aims, q)
+            fresh = distinct(aims, q)
             begin = before.q[origin[fresh]]
             aside, its_gap, its_parent, _ = self._moved(pose, begin, aims[fresh] - begin, origin[fresh])
-            kept = _distinct(aside, q)
+            kept = distinct(aside, q)
             q = np.concatenate([q, aside[kept]])
             gap = np.concatenate([gap, its_gap[kept]])
             parent = np.concatenate([parent, its_parent[kept]])
@@ -144,7 +150,7 @@ class Sheet:
             left = left[~good]
         far = int(np.sum(np.abs(out[left] - starts[left]).max(axis=1, initial=0.0) > 0.99 * tracker.largest))
         rows_found = np.flatnonzero(found)
-        rows_found = rows_found[_distinct(out[rows_found], np.zeros((0, out.shape[1])))]
+        rows_found = rows_found[distinct(out[rows_found], np.zeros((0, out.shape[1])))]
         rows_found = (
             rows_found[[self._is_clear(out[k], asked[k]) for k in rows_found]]
             if len(rows_found)
@@ -161,11 +167,11 @@ class Sheet:
         front = q
         for _round in range(ROUNDS):
             fresh = []
-            for wish in _sideways(self.tracker.template.robot, self.tracker.tolerance, pose, front):
-                aims = _distinct(front + wish, q)
+            for wish in sideways(self.tracker.template.robot, self.tracker.tolerance, pose, front):
+                aims = distinct(front + wish, q)
                 fresh.append(self._moved(pose, front[aims], wish[aims], aims)[0])
             moved = np.concatenate(fresh) if fresh else q[:0]
-            front = moved[_distinct(moved, q)]
+            front = moved[distinct(moved, q)]
             q = np.concatenate([q, front])
             if not len(front) or len(q) > WIDTH:
                 break
@@ -178,11 +184,21 @@ class Sheet:
         dear = dearness(self.tracker.template.robot, q, gap)
         if before is None or parent is None:
             return Layer(pose, q, dear, np.zeros((2, 0), dtype=np.int64), np.zeros(0))
-        apart = _apart(before.q, q)
+        apart = differences(before.q, q)
         joined = apart <= JOINED * APART
         joined[parent, np.arange(len(q))] = True
         edges = np.stack(np.nonzero(joined))
         return Layer(pose, q, dear, edges, apart[edges[0], edges[1]] * dear[edges[1]])
+
+    def without_waits(self, motion: Array) -> tuple[Array, tuple[Pose, ...]]:
+        """A motion (k, n) through the layers and their poses, those left out where neither tool nor arm moves."""
+        poses = [layer.pose for layer in self.layers]
+        kept = [0]
+        for row in range(1, len(motion)):
+            last = kept[-1]
+            if np.any(motion[row] != motion[last]) or max(poses[row].error_to(poses[last])) > 0.0:
+                kept.append(row)
+        return motion[kept], tuple(poses[row] for row in kept)
 
     def cheapest(
         self, check: Check, begins: Begins | None = None, prices: Array | None = None
@@ -229,7 +245,10 @@ class Sheet:
         """Why no node of the last layer gets to the next pose, in words: of the one that is best off."""
         last, pose = self.layers[-1], self.poses[self.reached]
         q = last.q[int(np.argmin(last.dear))]
-        return self.tracker.why(pose, self.tracker.track_anyhow([pose], q), q)
+        tracked = self.tracker.track_anyhow([pose], q)
+        if tracked.complete and self.clear is not None:
+            return f"only {1e3 * self.clear(tracked.configurations[-1]):.1f} mm of clearance are left"
+        return self.tracker.why(pose, tracked, q)
 
     def _shortest(self, cost: Array, open_edges: Sequence[NDArray[np.bool_]]) -> list[int] | None:
         """Rows of the edges, layer by layer, of the cheapest path; None where none leads to the last layer.
@@ -254,41 +273,3 @@ class Sheet:
             chain.append(edge)
             at = int(layer.edges[0, edge])
         return chain[::-1]
-
-
-def _sideways(robot: Robot, tolerance: PathTolerance, pose: Pose, q: Array) -> list[Array]:
-    """Steps (k, n) along each direction, to either side, that leaves the tool's coordinates without tolerance as they are."""
-    if not len(q):
-        return []
-    J = robot.jacobian(q)
-    if tolerance.frame == "tool":
-        J = np.concatenate([pose.rotation.T @ J[:, :3], pose.rotation.T @ J[:, 3:]], axis=1)
-    _, sizes, along = np.linalg.svd(J[:, tolerance.box == 0.0], full_matrices=True)
-    rank = int((sizes > SINGULAR).sum(axis=1).max(initial=0))
-    steps = []
-    for k in range(rank, robot.dof):
-        step = APART * along[:, k] / np.abs(along[:, k]).max(axis=1, keepdims=True)
-        steps += [step, -step]
-    return steps
-
-
-def _apart(a: Array, b: Array) -> Array:
-    """(k, m) radians of the joint that differs most between rows of a (k, n) and b (m, n)."""
-    apart = np.zeros((len(a), len(b)))
-    for k in range(a.shape[1]):
-        np.maximum(apart, np.abs(a[:, k, None] - b[None, :, k]), out=apart)
-    return apart
-
-
-def _distinct(q: Array, known: Array) -> Rows:
-    """Rows of q (k, n) that are no known (m, n) one again, and no earlier row of q."""
-    near = SAME * APART
-    fresh = np.flatnonzero(~(_apart(q, known) < near).any(axis=1)) if len(known) else np.arange(len(q))
-    again = np.tril(_apart(q[fresh], q[fresh]) < near, -1)
-    kept: list[int] = []
-    taken = np.zeros(len(fresh), dtype=bool)
-    for k in range(len(fresh)):
-        if not (again[k] & taken).any():
-            taken[k] = True
-            kept.append(int(fresh[k]))
-    return np.array(kept, dtype=np.int64)

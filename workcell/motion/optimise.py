@@ -127,6 +127,10 @@ class _Optimisation:
             self.done += int(trees.tally[entries.ITERATIONS]) - before
             if status == entries.FULL:
                 trees = _roomier(trees)
+            elif status == entries.OPEN and chunk == CHUNK:
+                # other shortcuts; not where the samples end, so that more of them go on from the same path
+                self.searches += 1
+                self.shorten(self.paths[-1], self.reached[-1])
             elif status == entries.JOINED:
                 found, row = branches(trees, meeting)
                 goal = int(rows[row])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from workcell.errors import UnknownNameError, WorkcellError
+from workcell.errors import ModelError, UnknownNameError, WorkcellError
 from workcell.model.contact import CollisionModel
 from workcell.model.scene import Scene
 from workcell.pose import Pose
@@ -174,3 +174,43 @@ def test_unknown_goals_objects_and_tasks(scene):
         scene.object("teapot")
     with pytest.raises(UnknownNameError, match="did you mean shelf"):
         Scene.load("shelff")
+
+
+MAST = """
+<body name="{name}" pos="{x} 0 0"><geom type="box" size=".05 .05 .2"/>
+  <body name="{name}_arm" pos="0 0 .3"><joint name="{name}_turn" axis="0 0 1" range="-3 3"/>
+    <geom name="{name}_arm" type="capsule" fromto="0 0 0 .4 0 0" size=".03"/><site name="{name}/tool" pos=".43 0 0"/>
+  </body>
+</body>"""
+DOOR = """
+<body name="door" pos="0 1.5 0.5"><joint name="hinge" axis="0 0 1" range="0 1"/><geom type="box" size=".3 .02 .3"/></body>
+"""
+OWN = """
+<mujoco><compiler angle="radian"/>
+  <worldbody>{bodies}<geom name="wall" type="box" pos="-.4 0 .3" size=".05 .5 .5"/></worldbody>
+  <actuator>{motors}</actuator>
+</mujoco>"""
+
+
+def cell_with(folder, bodies, joints):
+    motors = "".join(f'<motor joint="{joint}"/>' for joint in joints)
+    (folder / "own.xml").write_text(OWN.format(bodies="".join(bodies), motors=motors))
+    return folder / "own.xml"
+
+
+def test_a_cell_s_own_robot_is_the_one_with_a_tool_and_not_a_door_that_comes_first(tmp_path):
+    mast = MAST.format(name="mast", x=0)
+    scene = Scene.load(cell_with(tmp_path, [DOOR, mast], ["hinge", "mast_turn"]))
+    robot = scene.robot()
+    assert robot.name == "mast" and robot.robot.joint_names == ("mast_turn",)
+    names = [[scene.model.body(body).name for body in link] for link in robot.link_body_ids]
+    assert names == [["mast"], ["mast_arm"]]
+    assert scene.obstacles == ("world", "door")
+    found = CollisionModel(scene).distance([3.0])
+    assert found.distance < 0 and set(found.pair) == {"wall", "mast_arm"}
+
+
+def test_two_robots_in_one_cell_file_are_refused(tmp_path):
+    masts = [MAST.format(name=name, x=x) for name, x in (("left", -1), ("right", 1))]
+    with pytest.raises(ModelError, match="holds 2 robots: left, right"):
+        Scene.load(cell_with(tmp_path, masts, ["left_turn", "right_turn"]))

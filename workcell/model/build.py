@@ -181,17 +181,27 @@ def _take_home(spec: mujoco.MjSpec, where: str) -> dict[str, float]:
 
 
 def _robots_inside(spec: mujoco.MjSpec, task: TaskFile) -> TaskFile:
-    """A cell file that holds its robot: the actuated bodies form one robot without prefix... found after compiling."""
+    """A cell file that holds its robot: of the bodies with actuated joints that with a site `tool`; doors have none.
+
+    Raises:
+        ModelError: several robots.
+    """
     import mujoco
 
-    if not any(actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT for actuator in spec.actuators):
-        return task
-    moving = {actuator.target for actuator in spec.actuators}
-    for root in spec.worldbody.bodies:
-        inside = {joint.name for joint in root.find_all("joint")}
-        if moving & inside:
-            return replace(task, robots=(RobotEntry(root.name, ""),))
-    return task
+    moving = {a.target for a in spec.actuators if a.trntype == mujoco.mjtTrn.mjTRN_JOINT}
+    driven = [
+        root for root in spec.worldbody.bodies if moving & {joint.name for joint in root.find_all("joint")}
+    ]
+    sites = {root.name: [site.name.rsplit("/", 1)[-1] for site in root.find_all("site")] for root in driven}
+    named = [name for name, inside in sites.items() if "tool" in inside]
+    if len(named) > 1:
+        raise ModelError(
+            f"the cell holds {len(named)} robots: {', '.join(named)}",
+            where=task.path,
+            remedy="leave one, or give each a file of its own and put them together in a task file",
+        )
+    found = named or [name for name, inside in sites.items() if inside] or list(sites)
+    return replace(task, robots=(RobotEntry(found[0], ""),)) if found else task
 
 
 def _add_grasp_welds(spec: mujoco.MjSpec, task: TaskFile) -> None:
@@ -237,7 +247,10 @@ def _scene_robot(
         robot.check_limits(start, where=where)
     joints = [model.joint(prefix + name).id for name in robot.joint_names]
     links = link_bodies(model, robot, prefix)
-    bodies = frozenset(body for link in links for body in link) if prefix else _subtree(model, entry.name)
+    bodies = frozenset(body for link in links for body in link)
+    if not prefix:
+        bodies = _subtree(model, robot.link_names[0])
+        links = tuple(tuple(body for body in link if body in bodies) for link in links)
     return SceneRobot(
         name=entry.name,
         prefix=prefix,

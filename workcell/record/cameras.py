@@ -35,7 +35,8 @@ def choose_cameras(stage: Stage, width: int, height: int) -> tuple[Camera, Camer
     work = work_points(stage)
     arm = _corners(
         stage.surfaces(0.0, ("robots",), moving=True)
-        or stage.surfaces(0.0, ("robots", "objects", "obstacles"))
+        or stage.surfaces(0.0, ("robots", "objects"))
+        or stage.surfaces(0.0, ("obstacles",))
     )
     around = np.concatenate([work, arm])
     if not len(around):

@@ -53,6 +53,8 @@ class LinkUse:
         for begins, ends, numbers, outside in rows:
             if outside == 0 if cuboid is None else cuboid not in numbers:
                 continue
+            if ends == begins:
+                continue
             if found and found[-1][1] == begins:
                 begins = found.pop()[0]
             found.append((float(begins), float(ends)))

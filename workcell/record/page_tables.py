@@ -45,18 +45,11 @@ def solver_section(review: Review) -> list[str]:
     """What the solvers did, added up, and below it every query; nothing where the recording does not tell."""
     if not review.queries:
         return []
-    rows = [
-        (
-            escape(row.what),
-            escape(row.solver),
-            escape(row.stage),
-            escape(row.residuals),
-            escape(row.note),
-            str(row.count),
-            f"{row.cpu_ms:.1f}",
-        )
-        for row in stage_rows(review.queries)
-    ]
+    rows, before = [], None
+    for row in stage_rows(review.queries):
+        what, before = "" if row.what == before else escape(row.what), row.what
+        words = [escape(part) for part in (row.solver, row.stage, row.residuals, row.note)]
+        rows.append((what, *words, str(row.count), f"{row.cpu_ms:.1f}"))
     head = ("asked for", "solver", "stage", "rank residual", "last note", "times", "CPU ms")
     each = [
         (

@@ -23,7 +23,7 @@ _SOLID = ("robots", "objects", "obstacles")
 _OPAQUE = 0.98
 _MOMENTS = 6
 _COLUMNS = 3
-_TILE = (480, 360)
+_TILE, _ALONE = (480, 360), (726, 544)
 _LABEL_OFFSETS = ((16, 15), (16, -17), (-38, 15), (-38, -17))
 _VIEW = (800, 600)
 _BLAMED = "#d03030"
@@ -32,13 +32,13 @@ _BANNER = {"achieved": "#2e7d32", "not achieved": "#b3261e", "incomplete": "#b77
 
 def contact_sheet(review: Review) -> Figure:
     """Key frames in the order of time, each from two sides (one above the other, or a single one side by side), with the verdict above and the colours explained below."""
-    width, height = _TILE
-    cameras = choose_cameras(review.stage, width, height)
-    studios = [Studio(review.stage, camera) for camera in cameras]
     moments = key_moments(review)
     rows, alone = -(-len(moments) // _COLUMNS), len(moments) == 1
+    width, height = tile = _ALONE if alone else _TILE
+    studios = [Studio(review.stage, camera) for camera in choose_cameras(review.stage, width, height)]
     tall = height + 54 if alone else 2 * height + 54
-    sheet = Sheet(_COLUMNS * width + (_COLUMNS + 1) * 12, 96 + rows * tall + 40)
+    columns = len(studios) if alone else _COLUMNS
+    sheet = Sheet(columns * width + (columns + 1) * 12, 96 + rows * tall + 40)
     sheet.banner(review)
     for index, moment in enumerate(moments):
         left = 12 + (index % _COLUMNS) * (width + 12)
@@ -50,9 +50,8 @@ def contact_sheet(review: Review) -> Figure:
             corner = (left + aside * (width + 12), top + 28 + below * (height + 4))
             sheet.tile(studio.picture(moment.time, ("why",)), corner)
             for k, (name, path) in enumerate(review.stage.object_paths().items()):
-                sheet.label(
-                    name, studio.place(review.stage.pose(path, moment.time).position), corner, k, _TILE
-                )
+                place = studio.place(review.stage.pose(path, moment.time).position)
+                sheet.label(name, place, corner, k, tile)
     sheet.legend(any(thing.kind == "why" for thing in review.stage.things))
     return sheet.figure
 

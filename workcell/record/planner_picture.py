@@ -88,12 +88,17 @@ def planner_view(review: Review) -> Figure:
 def cuboids_at(stage: Stage, time: float) -> dict[int, list[str]]:
     """The cuboids that links are in at a time, by number, and these links."""
     found: dict[int, list[str]] = {}
-    several = len({use.robot for use in stage.uses}) > 1
-    for use in stage.uses:
+    for use, name in zip(stage.uses, _names(stage), strict=True):
         row = use.row_at(time)
         for number in use.numbers[row] if row >= 0 else ():
-            found.setdefault(number, []).append(f"{use.robot}/{use.link}" if several else use.link)
+            found.setdefault(number, []).append(name)
     return dict(sorted(found.items()))
+
+
+def _names(stage: Stage) -> list[str]:
+    """Names of the links in the order of `stage.uses`, with their robots' where there are several."""
+    several = len({use.robot for use in stage.uses}) > 1
+    return [f"{use.robot}/{use.link}" if several else use.link for use in stage.uses]
 
 
 def _used_tile(
@@ -127,15 +132,23 @@ def _caption(review: Review, sheet: Sheet, place: tuple[float, float], moment: s
     """The time, and which link is in which cuboid."""
     x, y = place
     sheet.text(x, y + 13, shortened(moment, 80), size=12, weight="bold")
-    places = [f"{number}: {_run(links)}" for number, links in cuboids_at(review.stage, time).items()]
+    order = _names(review.stage)
+    places = [f"{number}: {_runs(links, order)}" for number, links in cuboids_at(review.stage, time).items()]
     sheet.text(
-        x, y + 31, shortened("in cuboid " + "; ".join(places) if places else "in no cuboid", 110), size=11
+        x, y + 31, shortened("in cuboid " + "; ".join(places) if places else "in no cuboid", 128), size=11
     )
 
 
-def _run(links: list[str]) -> str:
-    """Names of links in few words."""
-    return ", ".join(links) if len(links) < 4 else f"{links[0]} to {links[-1]}, {len(links)} links"
+def _runs(links: list[str], order: list[str]) -> str:
+    """Names of links in few words: of neighbours, the first and the last."""
+    runs: list[list[str]] = []
+    for link in links:
+        neighbour = runs and order.index(link) == order.index(runs[-1][-1]) + 1
+        if neighbour and link.rpartition("/")[0] == runs[-1][0].rpartition("/")[0]:
+            runs[-1].append(link)
+        else:
+            runs.append([link])
+    return ", ".join(run[0] if len(run) == 1 else f"{run[0]} to {run[-1].rpartition('/')[2]}" for run in runs)
 
 
 def _outline(thing: Thing) -> tuple[list[Array], Array, Array]:

@@ -61,7 +61,7 @@ def _timed_panels(review: Review) -> list[tuple[Callable[[Any], None], float]]:
     panels: list[tuple[tuple[float, str], Callable[[Any], None], float]] = [
         (_rank(one), partial(_draw, series=one, review=review), 2.4) for one in series
     ]
-    if told:
+    if told and review.duration > 0:
         lanes = sum(1 + len(use.distinct) for use in review.stage.uses)
         height = min(0.8 + 0.13 * lanes, _HIGHEST)
         panels.append(((1.5, ""), partial(_draw_cuboids, review=review), height))
@@ -141,6 +141,7 @@ def _draw_residuals(panel: Any, *, review: Review) -> None:
         fontsize=10,
     )
     panel.set_xlabel("step of the solvers (timeline solver_step)")
+    panel.xaxis.get_major_locator().set_params(integer=True)
     panel.grid(alpha=0.25)
     panel.margins(x=0.03, y=0.14)
 
@@ -149,8 +150,10 @@ def _draw(panel: Any, *, series: Series, review: Review) -> None:
     scale, unit = unit_of(series.name)
     for k, column in enumerate(series.columns):
         label = column if len(series.columns) > 1 else None
+        mark = "o" if len(series.times) == 1 else ""
+        colour = _COLOURS[k % len(_COLOURS)]
         panel.plot(
-            series.times, scale * series.values[:, k], lw=1.4, color=_COLOURS[k % len(_COLOURS)], label=label
+            series.times, scale * series.values[:, k], lw=1.4, marker=mark, ms=5, color=colour, label=label
         )
     panel.set_title(_title(series.name), loc="left", fontsize=10)
     panel.set_ylabel(unit)

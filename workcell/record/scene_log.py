@@ -173,9 +173,9 @@ class SceneLog:
     def log_world(self, world: PlanningWorld) -> None:
         """What a planner sees of a scene that is in the recording: the cuboids that are not there yet, and the spheres of a
         robot that has none yet. The cuboids are free of that world's obstacles; what moves may enter them in another."""
+        self.log_free_space(world.free_space)
         if world.robot.name not in self._cuboids.robots:
             self.log_cover(world.robot, world.cover, world.scene.initial_qpos())
-        self.log_free_space(world.free_space)
 
     def log_obstacle_cover(self, cover: SphereCover) -> None:
         """Spheres of obstacles, in the world frame."""

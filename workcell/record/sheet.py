@@ -108,6 +108,8 @@ class Sheet:
             f"{review.duration:.1f} s simulated",
             *(c.finding for c in review.checks if c.name != "errors"),
         ]
+        if review.verdict != "achieved":
+            facts.insert(0, review.reason)
         self.text(14, 68, shortened("   ·   ".join(facts), 190), size=12.5)
 
     def legend(self, blamed: bool) -> None:

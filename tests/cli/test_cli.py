@@ -154,6 +154,22 @@ def test_the_installed_script_runs():
     assert result.returncode == 0 and result.stdout.startswith("workcell ")
 
 
+@pytest.mark.parametrize(
+    ("arguments", "redirection", "code"),
+    [
+        ("bench --list", "| true", 0),
+        ("bench --list --json", "| true", 0),
+        ("bench --list", ">&-", 0),
+        ("check nothing.json", ">&- 2>&-", 2),
+    ],
+)
+def test_closed_streams_end_nothing_with_a_traceback(arguments, redirection, code):
+    command = f"{sys.executable} -c 'from workcell.cli import main; main()' {arguments} {redirection}"
+    script = f"set -o pipefail; {command}"
+    result = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)
+    assert (result.returncode, result.stdout, result.stderr) == (code, "", "")
+
+
 def test_metrics_are_printed_with_their_units():
     from workcell.cli.models import _metric
 

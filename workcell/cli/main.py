@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NoReturn
 
 from workcell.cli import exit_codes
@@ -14,6 +15,7 @@ from workcell.errors import WorkcellError
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line; always ends in SystemExit with one of `exit_codes`."""
+    _open_streams()
     try:
         options = build_parser().parse_args(arguments)
         os.environ.setdefault("MUJOCO_GL", _headless_backend())
@@ -30,6 +32,15 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     except OSError as error:
         code = _complain(_os_error(error), exit_codes.BAD_INPUT)
     raise SystemExit(code)
+
+
+def _open_streams() -> None:
+    """Started with standard streams closed: nothing is shown, and no file that is opened takes their place."""
+    for descriptor, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            while os.open(os.devnull, os.O_RDWR) < descriptor:
+                pass  # the lowest free one is taken each time
+            setattr(sys, name, Path(os.devnull).open("r" if name == "stdin" else "w", encoding="utf-8"))  # noqa: SIM115
 
 
 def _complain(message: str, code: int) -> int:

@@ -49,10 +49,12 @@ def console() -> Console:
     """Standard output: as wide as the terminal (or COLUMNS), without folding lines in a pipe."""
     from rich.console import Console
 
-    plain = Console()
-    if plain.is_terminal or "COLUMNS" in os.environ:
-        return plain
-    return Console(width=_PIPE_WIDTH)
+    class Screen(Console):
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError  # rich would end the command as if it had failed
+
+    screen = Screen()
+    return screen if screen.is_terminal or "COLUMNS" in os.environ else Screen(width=_PIPE_WIDTH)
 
 
 def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from rich.console import Console
 
 from workcell.geometry.types import FreeSpace, SphereCover
 from workcell.model.scene import Scene
+from workcell.record.asking import asks
 from workcell.record.cuboid_table import LinkUse, cuboid_rows
 from workcell.record.page_tables import cuboid_section
 from workcell.record.planner_picture import box_edges, cuboids_at
@@ -226,3 +229,35 @@ def test_another_free_space_adds_and_known_cuboids_keep_their_numbers(tmp_path: 
         for path, entity in boxes.items()
     }
     assert corners == {"0": 0.5, "1": 1.5, "2": 5.5}
+
+
+def test_worlds_that_are_planned_in_are_recorded_once(
+    tmp_path: Path, scene: Scene, cover: SphereCover, space: FreeSpace
+) -> None:
+    """The methods' argument is enough: the cover of a robot without one, and the cuboids that are new."""
+
+    class Worker:
+        def __init__(self, recording: Recording) -> None:
+            self.recording = recording
+
+        @asks
+        def follow(self, world: Any, what: str) -> None: ...
+
+        @asks
+        def carry(self, team: Any, what: str) -> None: ...
+
+    near = SimpleNamespace(scene=scene, robot=scene.robot(), cover=cover, free_space=space)
+    larger = FreeSpace([*space.lower, [3, 3, 3]], [*space.upper, [4, 4, 4]])
+    other = SphereCover(cover.link[:2], cover.centre[:2], cover.radius[:2])
+    far = SimpleNamespace(scene=scene, robot=scene.robot(), cover=other, free_space=larger)
+    with Recording(tmp_path / "run.rrd", task="work") as recording:
+        recording.log_scene(scene)
+        worker = Worker(recording)
+        worker.follow(near, "there")
+        worker.follow(near, "back")
+        worker.carry(SimpleNamespace(worlds={"a": far}), "together")
+    contents = read(tmp_path / "run.rrd")
+    assert len(contents.below("world/free_space")) == len(space) + 1
+    uses = Stage.of(contents).uses
+    assert [use.link for use in uses] == list(scene.robot().robot.link_names[1:])
+    assert all(set(use.times) == {0.0} for use in uses)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import NoReturn
 
+from workcell.errors import InputError
 from workcell.ik.problem import IKProblem
 from workcell.ik.result import IKResult
 from workcell.ik.solve import solve
@@ -142,11 +143,14 @@ class Planning(Story):
         return self.move(world, world.robot.start, q, "way to the start")
 
     def can(self, plan: Callable[..., object], *arguments: object) -> bool:
-        """Whether a part of the plan, such as `move`, can be made: a quick try that is not told and does not end the task."""
+        """Whether a part of the plan, such as `move`, can be made: a quick try that is not told and does not end the task.
+
+        A configuration that may not be one, because it collides, is a no as well.
+        """
         self.trying = True
         try:
             plan(*arguments)
-        except TaskFailedError:
+        except (TaskFailedError, InputError):
             return False
         finally:
             self.trying = False

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from workcell.errors import InputError
+from workcell.ik.result import Status
 from workcell.model.scene import Scene
 from workcell.motion.body import Upright
 from workcell.motion.follow import FollowLimits, line
@@ -69,6 +70,18 @@ def test_a_way_that_tilts_the_tool_too_far_is_refused_in_words(world, mouth):
     )
     assert found.path is None and len(found.failures) == 2
     assert all("the tool would tilt by 0.4" in words and "may by 0.1" in words for words in found.failures)
+
+
+def test_one_goal_out_of_reach_is_no_proof_about_the_others(world, mouth):
+    here = world.robot.robot.fk(world.robot.start)
+    tilted = mouth @ Pose(np.zeros(3), [np.cos(0.2), np.sin(0.2), 0, 0])
+    ways = [inward(tilted), inward(Pose.from_xyz([4.0, 0, 0]) @ mouth)]
+    options = {"limits": LIMITS, "solver": "auto", "tries": 1}
+    upright = Upright(0.1, direction=here.rotation[:, 2])
+    both = reach(world, world.robot.start, ways, upright=upright, **options)
+    assert both.path is None and both.ik is not None and both.ik.solved
+    far = reach(world, world.robot.start, ways[1:], **options)
+    assert far.path is None and far.ik is not None and far.ik.status is Status.UNREACHABLE
 
 
 def test_no_way_at_all_is_bad_input(world):

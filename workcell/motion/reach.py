@@ -39,7 +39,8 @@ class ReachResult:
     Attributes:
         path: from the start to the last pose, proved clear between waypoints; None when none was found.
         how: in words, for a log.
-        ik: the goal's last answer by the solver; None when it was not asked.
+        ik: the solver's answer about a goal: of a path's own; without a path the most hopeful one, so that it is a proof only
+            where every goal is proved out of reach; None when it was not asked.
         failures: why each way failed, in words.
     """
 
@@ -83,7 +84,7 @@ def reach(
         )
     queries = [_Query(world, tuple(inward), limits, upright, solver, seed) for inward in ways]
     failures: list[str] = []
-    answer = None
+    answers: list[IKResult] = []
     for query in queries:
         path, why = query.directly(q_start)
         if path is not None:
@@ -92,10 +93,15 @@ def reach(
     for query in queries:
         result = query.by_goal_configurations(q_start, tries)
         failures += result.failures
-        answer = result.ik
+        answers += [] if result.ik is None else [result.ik]
         if result.path is not None:
             return replace(result, failures=tuple(failures))
-    return ReachResult(None, "not found", answer, tuple(failures))
+    return ReachResult(None, "not found", _most_hopeful(answers), tuple(failures))
+
+
+def _most_hopeful(answers: Sequence[IKResult]) -> IKResult | None:
+    """A solution, if there is one among the answers, else one that proves nothing, else a proof."""
+    return min(answers, key=lambda ik: 0 if ik.solved else 2 if ik.status.is_impossible else 1, default=None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +140,7 @@ class _Query:
             if path is not None:
                 return ReachResult(path, f"by way of goal configuration {k}", ik, tuple(failures))
             failures.append(f"goal configuration {k}: {why}")
-        return ReachResult(None, "not found", answers[-1] if answers else None, tuple(failures))
+        return ReachResult(None, "not found", _most_hopeful(answers), tuple(failures))
 
     def _by_way_of(self, q_goal: Array, q_start: Array, seed: int) -> tuple[Path | None, str]:
         """Out of the narrow way backwards from one goal configuration, then to the start in joint space."""

@@ -214,3 +214,42 @@ def test_two_robots_in_one_cell_file_are_refused(tmp_path):
     masts = [MAST.format(name=name, x=x) for name, x in (("left", -1), ("right", 1))]
     with pytest.raises(ModelError, match="holds 2 robots: left, right"):
         Scene.load(cell_with(tmp_path, masts, ["left_turn", "right_turn"]))
+
+
+THING = '<mujoco><worldbody><body{name}>{joint}<geom size=".05" pos=".1 0 0"/></body></worldbody></mujoco>'
+PLACES = """
+<mujoco><worldbody><site name="robot_mount"/>
+  <site name="quat" pos="1 1 1" quat="0.70710678 0 0 0.70710678"/><site name="euler" pos="1 1 1" euler="0 0 90"/>
+  <site name="axes" pos="1 1 1" xyaxes="0 1 0 -1 0 0"/>
+  <frame pos="1 0 0" euler="0 0 90"><site name="framed" pos="1 0 1"/></frame>
+</worldbody></mujoco>"""
+
+
+def with_thing(folder, place="quat", fixed="false", joint="", name=' name="thing"'):
+    (folder / "places.xml").write_text(PLACES)
+    (folder / "thing.xml").write_text(THING.format(joint=joint, name=name))
+    (folder / "placed.toml").write_text(
+        'format = "workcell-task/1"\nname = "placed"\ncell = "places.xml"\n'
+        '[[robots]]\nname = "ur10"\nmodel = "ur10"\nmount = "robot_mount"\n'
+        f'[[objects]]\nname = "thing"\nmodel = "thing.xml"\nplace = "{place}"\nfixed = {fixed}\n'
+    )
+    return Scene.load(folder / "placed.toml")
+
+
+@pytest.mark.parametrize("fixed", ["false", "true"])
+@pytest.mark.parametrize("place", ["quat", "euler", "axes", "framed"])
+def test_objects_stand_as_their_site_does_however_its_angles_are_written(tmp_path, place, fixed):
+    scene = with_thing(tmp_path, place, fixed)
+    quarter = Pose(np.array([1.0, 1.0, 1.0]), np.array([1.0, 0.0, 0.0, 1.0]) * np.sqrt(0.5))
+    assert max(scene.object_pose("thing").error_to(quarter)) < 1e-7
+
+
+def test_the_task_says_whether_an_object_is_free_and_not_its_file(tmp_path):
+    free = with_thing(tmp_path, joint="<freejoint/>", name="")
+    assert free.object("thing").qpos_address == 6 and free.model.nq == 13
+    fixed = with_thing(tmp_path, fixed="true", joint="<freejoint/>")
+    assert fixed.object("thing").qpos_address is None and fixed.model.nq == 6
+    lid = with_thing(tmp_path, fixed="true", joint='<joint name="lid"/>')
+    assert lid.object("thing").qpos_address is None and lid.model.nq == 7
+    with pytest.raises(ModelError, match="root body 'thing' has the joint 'lid'"):
+        with_thing(tmp_path, joint='<joint name="lid"/>')

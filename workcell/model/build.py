@@ -13,6 +13,7 @@ from workcell.model.actuators import actuator_of_joint
 from workcell.model.compiled import link_bodies, robot_from_model
 from workcell.model.data import find_asset, find_task, is_path, list_assets, list_tasks
 from workcell.model.load import compile_spec, load_spec, quiet_mujoco
+from workcell.model.placing import attach_object, cell_site, variation
 from workcell.model.scene import Goal, Scene, SceneObject, SceneRobot, site_pose
 from workcell.model.taskfile import ObjectEntry, RobotEntry, TaskFile, read_task_file
 from workcell.pose import Pose
@@ -33,10 +34,12 @@ def build_scene(source: str | Path, robot: str | None, seed: int | None = None) 
 
 
 def _compiled(spec: mujoco.MjSpec, task: TaskFile, seed: int | None = None) -> Scene:
+    free = any(not entry.fixed for entry in task.objects)
+    places = compile_spec(spec.copy(), task.cell) if free else None
     with quiet_mujoco():
         homes = {entry.name: _attach_robot(spec, entry, task) for entry in task.robots}
         for k, entry in enumerate(task.objects):
-            _attach_object(spec, entry, task, _variation(entry, k, seed))
+            attach_object(spec, entry, task, variation(entry, k, seed), places)
     if not task.robots:
         task = _robots_inside(spec, task)
     _add_grasp_welds(spec, task)
@@ -115,53 +118,9 @@ def _attach_robot(spec: mujoco.MjSpec, entry: RobotEntry, task: TaskFile) -> dic
         spec.attach(arm, frame=spec.worldbody.add_frame(), prefix=prefix)
     else:
         spec.attach(
-            arm, site=_cell_site(spec, mount, f"{task.path}: robot {entry.name!r} mount"), prefix=prefix
+            arm, site=cell_site(spec, mount, f"{task.path}: robot {entry.name!r} mount"), prefix=prefix
         )
     return home
-
-
-def _variation(entry: ObjectEntry, index: int, seed: int | None) -> Pose:
-    """By how much a seed moves an object in its place; an object's draw does not depend on the others'."""
-    if seed is None:
-        return Pose.identity()
-    rng = np.random.default_rng([seed, index])
-    half = np.array(entry.vary_xyz)
-    yaw = rng.uniform(-entry.vary_yaw, entry.vary_yaw)
-    quat = np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
-    return Pose(rng.uniform(-half, half), quat)
-
-
-def _attach_object(spec: mujoco.MjSpec, entry: ObjectEntry, task: TaskFile, moved: Pose) -> None:
-    where_from = f"{task.path}: object {entry.name!r} model"
-    model = load_spec(entry.model, kind="objects", relative_to=task.path.parent, where=where_from)
-    roots = list(model.worldbody.bodies)
-    if len(roots) != 1:
-        raise ModelError(
-            f"an object file holds one root body, not {len(roots)}",
-            where=f"{task.path}: object {entry.name!r}",
-        )
-    place = _cell_site(spec, entry.place, f"{task.path}: object {entry.name!r} place")
-    prefix = f"{entry.name}/"
-    if entry.fixed:
-        spec.attach(model, site=place, prefix=prefix)
-        return
-    body_name = roots[0].name
-    if place.parent.name != "world":
-        raise ModelError(
-            f"the site {place.name!r} must belong to the world body",
-            where=f"{task.path}: object {entry.name!r}",
-        )
-    where = Pose(np.array(place.pos), np.array(place.quat)) @ moved
-    frame = spec.worldbody.add_frame(pos=where.position, quat=where.quat_wxyz)
-    spec.attach(model, frame=frame, prefix=prefix)
-    spec.body(prefix + body_name).add_freejoint(name=prefix + "free")
-
-
-def _cell_site(spec: mujoco.MjSpec, name: str, where: str) -> mujoco.MjsSite:
-    site = spec.site(name)
-    if site is None:
-        raise UnknownNameError("site", name, [s.name for s in spec.sites], where=where)
-    return site
 
 
 def _take_home(spec: mujoco.MjSpec, where: str) -> dict[str, float]:
@@ -298,8 +257,8 @@ def _scene_object(model: mujoco.MjModel, entry: ObjectEntry) -> SceneObject:
     prefix = f"{entry.name}/"
     bodies = frozenset(b for b in range(1, model.nbody) if model.body(b).name.startswith(prefix))
     root = min(bodies)
-    joint = int(model.body_jntadr[root])
-    return SceneObject(entry.name, root, bodies, int(model.jnt_qposadr[joint]) if joint >= 0 else None)
+    address = None if entry.fixed else int(model.jnt_qposadr[model.body_jntadr[root]])
+    return SceneObject(entry.name, root, bodies, address)
 
 
 def _subtree(model: mujoco.MjModel, root: str) -> frozenset[int]:

@@ -15,7 +15,7 @@ from workcell.record.shapes import polytope_shape
 IN_USE, OUTSIDE = "cuboids_in_use", "spheres_in_no_cuboid"
 """Names of the metrics: how many cuboids a robot is in, and how many of its moving spheres are wholly inside none."""
 
-FREE_RGBA = (0.25, 0.75, 0.35, 0.12)
+_FREE_RGBA = (0.25, 0.75, 0.35, 0.12)
 _LINK_RGB = (
     (0.12, 0.47, 0.71),
     (0.84, 0.15, 0.16),
@@ -38,40 +38,43 @@ class CuboidUse:
 
     A sphere counts for one cuboid: it keeps the one it is in until it leaves it, and then goes to the one that holds most
     of its link's spheres. That is geometry alone, whatever the planner was.
-
-    Attributes:
-        count: cuboids and polytopes so far.
     """
 
     def __init__(self, writer: RrdWriter) -> None:
         self._writer = writer
         self._numbers: dict[bytes, int] = {}
-        self.count = 0
         self._bounds = np.zeros((2, 0, 3))
         self._number = np.zeros(0, dtype=np.int64)
         self._followers: dict[str, _Follower] = {}
 
     def add_free_space(self, free_space: FreeSpace) -> NDArray[np.int64]:
         """Draws the cuboids and polytopes that are not yet there; returns the numbers of the cuboids."""
-        fresh = []
+        numbers, fresh = [], []
         for lower, upper in zip(free_space.lower, free_space.upper, strict=True):
-            key = lower.tobytes() + upper.tobytes()
-            if key not in self._numbers:
-                self._numbers[key] = self._next()
+            number, new = self._number_of(lower.tobytes() + upper.tobytes())
+            numbers.append(number)
+            if new:
                 fresh.append((lower, upper))
-                self._number = np.append(self._number, self._numbers[key])
-                self._writer.log_box(f"world/free_space/{self._numbers[key]}", lower, upper, FREE_RGBA)
+                self._number = np.append(self._number, number)
+                self._writer.log_box(f"world/free_space/{number}", lower, upper, _FREE_RGBA)
         if fresh:
             self._bounds = np.concatenate([self._bounds, np.array(fresh).swapaxes(0, 1)], axis=1)
         for polytope in free_space.polytopes:
-            shape = polytope_shape(polytope, np.array(FREE_RGBA))
-            self._writer.log_shape(f"world/free_space/{self._next()}", shape)
-        keys = (a.tobytes() + b.tobytes() for a, b in zip(free_space.lower, free_space.upper, strict=True))
-        return np.array([self._numbers[key] for key in keys], dtype=np.int64)
+            number, new = self._number_of(polytope.A.tobytes() + polytope.b.tobytes())
+            if new:
+                shape = polytope_shape(polytope, np.array(_FREE_RGBA))
+                self._writer.log_shape(f"world/free_space/{number}", shape)
+        return np.array(numbers, dtype=np.int64)
 
-    def _next(self) -> int:
-        self.count += 1
-        return self.count - 1
+    def _number_of(self, key: bytes) -> tuple[int, bool]:
+        """The number of a solid, and whether it is a new one."""
+        new = key not in self._numbers
+        return self._numbers.setdefault(key, len(self._numbers)), new
+
+    @property
+    def count(self) -> int:
+        """Cuboids and polytopes so far."""
+        return len(self._numbers)
 
     def add_cover(self, robot: SceneRobot, cover: SphereCover) -> None:
         """Follow the moving spheres of a robot; a second cover takes the place of the first."""
@@ -119,8 +122,9 @@ class CuboidUse:
             used = found[found >= 0]
             labels = [str(self._number[i]) for i in used]
             rows.append(k)
-            inset = _INSET_M * (link - 1)
-            boxes.append((self._bounds[0][used] + inset, self._bounds[1][used] - inset, labels))
+            lower, upper = self._bounds[:, used]
+            inset = np.minimum(_INSET_M * (link - 1), 0.25 * (upper - lower))
+            boxes.append((lower + inset, upper - inset, labels))
             outside.append(state[-1])
         if rows:
             times, steps = indexes[0][rows], indexes[1][rows]

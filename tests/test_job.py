@@ -6,6 +6,7 @@ import shutil
 import pytest
 
 from workcell.errors import InputError, ModelError, UnknownNameError
+from workcell.job import Job
 from workcell.model.data import find_task
 from workcell.record.review import review
 from workcell.run import run_task
@@ -92,3 +93,23 @@ def test_an_unknown_controller_is_named_before_anything_is_written(tmp_path):
     with pytest.raises(UnknownNameError, match=r"controller named 'serwo'.*did you mean servo"):
         run_task("shelf_grasp", controller="serwo", out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_try_is_quiet_and_ends_nothing():
+    told = []
+    job = Job(None, "auto", "computed_torque", 0, None, told.append, {}, 0.0)
+
+    def fails():
+        job.say("looking")
+        job.fail("NOT_FOUND", "there is no way")
+
+    def collides():
+        raise InputError("the goal collides", where="q_goals")
+
+    def looks_further(found):
+        job.say("quiet")
+        return job.can(found)
+
+    assert not job.can(fails) and not job.can(collides)
+    assert job.can(looks_further, fails) and job.can(looks_further, dict)
+    assert not told and not job.trying

@@ -147,13 +147,13 @@ class Planning(Story):
 
         A configuration that may not be one, because it collides, is a no as well.
         """
-        self.trying = True
+        already, self.trying = self.trying, True
         try:
             plan(*arguments)
         except (TaskFailedError, InputError):
             return False
         finally:
-            self.trying = False
+            self.trying = already
         return True
 
     @asks

@@ -10,7 +10,7 @@ from workcell.ik.problem import Budget, IKProblem
 from workcell.motion.follow import diagnose, step_solver
 from workcell.motion.graph import DeadEnd
 from workcell.motion.outcome import FollowFailure, FollowResult, FollowStatus
-from workcell.motion.steps import Tolerant, starting_poses
+from workcell.motion.steps import Tolerant, nearby_poses
 from workcell.motion.toolpath import PathTolerance
 from workcell.pose import Array, Pose
 
@@ -47,10 +47,11 @@ class Coroner:
     def impossible(self, rows: Iterable[int], q_before: Array) -> FollowResult | None:
         """The first pose, of those in rows, that is proved to have no configuration; None where none is.
 
-        The proof is about the real geometry where there is one, else about the conservative model.
+        The proof is about the real geometry where there is one, else about the conservative model. Proofs are about single
+        poses: of a pose with a tolerance nothing is proved.
         """
         in_model: FollowResult | None = None
-        for row in rows:
+        for row in rows if self.tolerance.exact else ():
             if row not in self.found:
                 if len(self.found) == DIAGNOSES or self._has_configuration(row):
                     continue
@@ -64,7 +65,9 @@ class Coroner:
 
     def at(self, row: int, q_before: Array, detail: str = "") -> FollowResult:
         """The path ends before a pose, the arm at `q_before` (n,); `detail` is what is known where the pose is possible."""
-        answer = Tolerant(step_solver(self.solver, DIAGNOSIS, self.seed), self.tolerance)
+        poses = 1 + len(nearby_poses(self.poses[row], self.tolerance, 1.0, 1.0))
+        share = Budget(DIAGNOSIS.cpu_s / poses)
+        answer = Tolerant(step_solver(self.solver, share, self.seed), self.tolerance)
         reason = diagnose(answer, self.problem, self.poses[row], q_before, self.max_step)
         status, words = reason.status, reason.detail
         if status in (FollowStatus.STEP_TOO_LARGE, FollowStatus.NOT_FOUND):
@@ -75,11 +78,8 @@ class Coroner:
         )
 
     def _has_configuration(self, row: int) -> bool:
-        targets = starting_poses(self.poses[row], self.tolerance)
-        return any(
-            collect_solutions(replace(self.problem, target=target), 1, self.seed, GLANCE)
-            for target in targets
-        )
+        problem = replace(self.problem, target=self.poses[row])
+        return bool(collect_solutions(problem, 1, self.seed, GLANCE))
 
 
 def words_of(end: DeadEnd, poses: Sequence[Pose]) -> str:

@@ -1,5 +1,6 @@
 """Fingers and hands apart from the arm: closed forms on boxes."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from workcell.model.contact import CollisionModel
 from workcell.model.grip import fingers_at, fingers_holding, hand_clearance
 from workcell.model.scene import Scene
 from workcell.motion.hand_cover import cover_with_fingers
+from workcell.motion.world import PlanningWorld
 from workcell.pose import Pose
 
 
@@ -53,6 +55,21 @@ def test_the_hand_alone_has_the_clearance_of_the_whole_robot_there(scene):
     above, lower = (hand_clearance(scene, robot, Pose.from_xyz([0, 0, dz]) @ over) for dz in (0.0, -0.1))
     assert above - lower == pytest.approx(0.1, abs=0.02)
     assert hand_clearance(scene, robot, Pose.from_xyz([0, 0, -0.49]) @ over) < 0
+
+
+def test_the_hand_meets_neither_what_it_can_not_touch_nor_what_it_holds(scene):
+    robot, grasp = scene.robot(), Pose.from_xyz([0, 0, -0.02]) @ scene.site_pose("block/grasp")
+    model = copy.copy(scene.model)
+    ghost = replace(scene, model=model)
+    for body in scene.object("block").body_ids:
+        first, count = model.body_geomadr[body], model.body_geomnum[body]
+        model.geom_contype[first : first + count] = model.geom_conaffinity[first : first + count] = 2
+    low = Pose.from_xyz([0, 0.03, 0.01]) @ grasp
+    assert hand_clearance(scene, robot, low) < hand_clearance(ghost, robot, low)
+    assert hand_clearance(ghost, robot, low) == hand_clearance(scene, robot, low, ["block"])
+    world = PlanningWorld.of(scene).holding("block", held(scene, "block"))
+    closed = world.robot
+    assert world.hand_clearance(low) == hand_clearance(world.scene, closed, low, ["block"])
 
 
 def test_an_object_that_is_about_to_be_grasped_can_be_left_out(scene):

@@ -176,9 +176,17 @@ def hand_clearance(
     others = _solid_geoms(model, set(range(model.nbody)) - skipped)
     for geom in hand:
         _move(data, geom, moved)
+    meeting = [(a, b) for a, b in product(hand, others) if _collide(model, a, b)]
     return min(
-        (mujoco.mj_geomDistance(model, data, a, b, limit, None) for a, b in product(hand, others)),
+        (mujoco.mj_geomDistance(model, data, a, b, limit, None) for a, b in meeting),
         default=limit,
+    )
+
+
+def _collide(model: mujoco.MjModel, a: int, b: int) -> bool:
+    """Whether two geoms' bit masks let them collide."""
+    return bool(
+        model.geom_contype[a] & model.geom_conaffinity[b] or model.geom_contype[b] & model.geom_conaffinity[a]
     )
 
 

@@ -205,8 +205,9 @@ class PlanningWorld:
         return Clearance(found.distance, found.pair)
 
     def hand_clearance(self, target: Pose, ignored: Iterable[str] = ()) -> float:
-        """How far the hand alone would be from everything else at a tool pose, metres: a cheap question before IK."""
-        return hand_clearance(self.scene, self.robot, target, tuple(ignored))
+        """How far the hand alone would be from all but what it holds at a tool pose, metres: a cheap question before IK."""
+        held = () if self.attached is None else (self.attached[0],)
+        return hand_clearance(self.scene, self.robot, target, (*ignored, *held))
 
     def tool_pose(self, q: Array) -> Pose:
         """`T_world_tool` on the compiled model at `q` (n,)."""

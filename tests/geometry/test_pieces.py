@@ -46,6 +46,25 @@ def test_mesh_is_its_hull_where_mujoco_has_it():
     )  # MuJoCo keeps mesh vertices in single precision
 
 
+@pytest.mark.parametrize("count", [9, 40])
+def test_a_coarser_hull_is_taken_where_mujoco_collides_one(count):
+    """`maxhullvert` leaves out vertices; MuJoCo's distances to a small ball are those to the piece."""
+    rng = np.random.default_rng(0)
+    vertices = rng.normal(size=(count, 3))
+    vertices *= 0.2 / np.linalg.norm(vertices, axis=1, keepdims=True)
+    model = compile_world(
+        '<body><geom type="mesh" mesh="m"/></body><body><freejoint/><geom type="sphere" size="0.01"/></body>',
+        f'<mesh name="m" vertex="{" ".join(map(str, vertices.ravel()))}" maxhullvert="8"/>',
+    )
+    data, packed = mujoco.MjData(model), ObstacleArrays(pieces_of_bodies(model, [1]))
+    for _ in range(50):
+        centre = rng.normal(size=3)
+        data.qpos[:3] = centre * rng.uniform(0.22, 0.5) / np.linalg.norm(centre)
+        mujoco.mj_kinematics(model, data)
+        found = mujoco.mj_geomDistance(model, data, 0, 1, 2.0, None)
+        assert found == pytest.approx(packed.nearest(data.qpos[None, :3])[0][0] - 0.01, abs=1e-6)
+
+
 def test_height_field_agrees_with_mujocos_own_rays():
     rng = np.random.default_rng(0)
     elevation = " ".join(f"{v:.3f}" for v in rng.uniform(0, 1, 20))

@@ -173,10 +173,7 @@ def _geom_pieces(model: mujoco.MjModel, geom: int, pose: Pose) -> list[Piece]:
         shape, count = primitives[kind]
         return [Piece(name, shape, pose, size[:count], body=body)]
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        mesh = int(model.geom_dataid[geom])
-        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-        vertices = np.array(model.mesh_vert[first : first + count], dtype=float)
-        return [hull_piece(name, vertices, pose, body=body)]
+        return [hull_piece(name, _hull_vertices(model, int(model.geom_dataid[geom])), pose, body=body)]
     if kind == mujoco.mjtGeom.mjGEOM_HFIELD:
         return _height_field(model, geom, pose, name, body)
     raise ModelError(
@@ -184,6 +181,22 @@ def _geom_pieces(model: mujoco.MjModel, geom: int, pose: Pose) -> list[Piece]:
         where=name,
         remedy="use box, sphere, capsule, cylinder, ellipsoid, plane, mesh or hfield",
     )
+
+
+_FEW = 10
+"""Vertices below which MuJoCo looks at all of them and not at the hull (`mjMESH_HILLCLIMB_MIN`)."""
+
+
+def _hull_vertices(model: mujoco.MjModel, mesh: int) -> Array:
+    """The vertices (k, 3) that MuJoCo collides: those of the hull it made, which `maxhullvert` may have made coarser."""
+    first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+    vertices = np.array(model.mesh_vert[first : first + count], dtype=float)
+    graph = int(model.mesh_graphadr[mesh])
+    if graph < 0 or count < _FEW:
+        return vertices
+    corners = int(model.mesh_graph[graph])
+    kept: Array = vertices[np.sort(model.mesh_graph[graph + 2 + corners : graph + 2 + 2 * corners])]
+    return kept
 
 
 def hull_piece(name: str, vertices: ArrayLike, pose: Pose | None = None, *, body: str = "") -> Piece:

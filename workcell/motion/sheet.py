@@ -144,19 +144,15 @@ class Sheet:
         left, asked = np.arange(len(starts)), np.zeros(len(starts), dtype=bool)
         found = np.zeros(len(starts), dtype=bool)
         for lane in (0, tracker.lanes - 1):
-            good, q, room = tracker.moved(pose, starts[left], wishes[left], lane)
-            out[left], gap[left], found[left] = q, room, good
-            asked[left] = lane > 0
-            left = left[~good]
+            arrived, q, room = tracker.moved(pose, starts[left], wishes[left], lane)
+            out[left], gap[left], found[left] = q, room, arrived
+            asked[left] = lane > 0 or tracker.template.cover is None
+            left = left[~arrived]
         far = int(np.sum(np.abs(out[left] - starts[left]).max(axis=1, initial=0.0) > 0.99 * tracker.largest))
-        rows_found = np.flatnonzero(found)
-        rows_found = rows_found[distinct(out[rows_found], np.zeros((0, out.shape[1])))]
-        rows_found = (
-            rows_found[[self._is_clear(out[k], asked[k]) for k in rows_found]]
-            if len(rows_found)
-            else rows_found
-        )
-        return out[rows_found], gap[rows_found], rows[rows_found], far
+        good = np.flatnonzero(found)
+        good = good[distinct(out[good], out[:0])]
+        good = good[np.array([self._is_clear(out[k], bool(asked[k])) for k in good], dtype=bool)]
+        return out[good], gap[good], rows[good], far
 
     def _is_clear(self, q: Array, asked: bool) -> bool:
         """What is clear in the model around the robot is clear; the truth is asked about the rest."""

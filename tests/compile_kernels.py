@@ -21,7 +21,7 @@ def sampling() -> None:
     from workcell.geometry.engine import ClearanceEngine
     from workcell.ik import hjcdik, screen
     from workcell.ik.problem import IKProblem
-    from workcell.motion import local, search
+    from workcell.motion import local, optimise
 
     arm = planar()
     target, wall = arm.fk(arm.home), box("wall", (2.0, 0.0, 0.0), (0.1, 0.1, 0.1))
@@ -30,7 +30,7 @@ def sampling() -> None:
     hjcdik.prepare(IKProblem(arm, target))
     ClearanceEngine(arm, beads(arm), (wall,)).clearance_and_gradient(arm.home)
     local.prepare_kernels()
-    search.prepare_kernels()
+    optimise.prepare_optimising()
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ ROOM = 5e-4
 """Metres that a path keeps clear where its ends do: what the proofs, ours and others', are easy with."""
 GOALS = 6
 """Goal configurations of the first round; every further round has twice as many."""
-_LONGEST = 1.0
+_LONGEST = 0.2
 """CPU seconds for one of them, at most."""
 _PULL = 0.3
 """Share of the way from a goal to the corner before it where a nearer goal is looked for."""
@@ -75,12 +75,15 @@ class Goals:
         references: list[Array] = []
         if self._problem.max_step is None and self._problem.max_link_rotation is None:
             references = [path[0], path[-1] + _PULL * (path[-2] - path[-1])]
-        kept = []
+        kept: list[Array] = []
         for k in range(count):
-            question = self._roomy
+            question = self._roomy if self.least >= 2 * ROOM else self._problem
             if k < len(references):
                 question = replace(question, q_reference=references[k])
-            for q in self._next(question, deadline):
+            found = self._next(question, deadline)
+            if not found:
+                break
+            for q in found:
                 near = float(np.linalg.norm(q - path[0])) < length and self.allowed(q)
                 if near and float(self._clearance.many(q[None])[0]) >= 2 * floor and self.reaches(q):
                     kept.append(q)

@@ -20,7 +20,7 @@ from workcell.motion.body import BodyClearance, Upright, kernels, pack_body
 from workcell.motion.ends import checked_end
 from workcell.motion.goals import GOALS, ROOM, Goals
 from workcell.motion.optimise import optimise, path_length, prepare_optimising
-from workcell.motion.search import Effort, Found, prepare_kernels, search
+from workcell.motion.search import Effort, prepare_kernels, search
 from workcell.pose import Array, read_only
 
 if TYPE_CHECKING:
@@ -176,11 +176,11 @@ class _Query:
             reason = f"none of {len(goals)} goal configurations was reached with {int(self.spent['lines'])} lines tried"
             if found.path is not None:
                 if self.goals.reaches(found.path[-1]):
-                    return self.proved(body, self.optimised(body, found, found.path))
+                    return self.proved(body, self.optimised(body, found.path))
                 del self.goals.rows[found.goal]
         return self.result(Status.NOT_FOUND, None, reason=reason)
 
-    def optimised(self, body: Body, found: Found, path: Array) -> Array:
+    def optimised(self, body: Body, path: Array) -> Array:
         """The shortest path that the means for optimising lead to, in rounds with ever more goals and samples."""
         left = self.effort.optimise_iterations
         deadline = time.process_time() + self.effort.optimise_s
@@ -190,9 +190,9 @@ class _Query:
         self.spent["first_cpu_s"] = time.process_time() - self.cpu
         self.spent["optimise_iterations"] = 0.0
         goals, goal, rounds = [q for q in self.goals.rows if self.goals.reaches(q)], path[-1], 0
-        while left > 0 and time.process_time() < deadline:
-            count = min(GOALS * 2**rounds, _MOST_GOALS)
-            goals += self.goals.nearer(path, body.floor, count, deadline)
+        while left > 0 and (rounds == 0 or time.process_time() < deadline):
+            count, now = min(GOALS * 2**rounds, _MOST_GOALS), time.process_time()
+            goals += self.goals.nearer(path, body.floor, count, now + 0.3 * max(deadline - now, 0.0))
             samples = min(OPTIMISED * 2**rounds, left)
             rounds, left = rounds + 1, left - samples
             effort = replace(

@@ -59,6 +59,25 @@ def test_a_set_is_planned_and_its_file_verified(set_file, tmp_path, capsys):
     assert paths == [line["path"] for line in lines]
 
 
+def test_optimised_paths_are_shorter_and_say_by_how_much(set_file, tmp_path, capsys):
+    files = [tmp_path / f"{k}.jsonl" for k in range(2)]
+    for file in files:
+        assert (
+            run("plan", set_file, "--optimise-iterations", "200", "--out", file, "--json") == exit_codes.DONE
+        )
+    assert '"mean_lower_bound_rad"' in capsys.readouterr().out
+    first, second = ([json.loads(line) for line in file.read_text().splitlines()] for file in files)
+    assert [line["path"] for line in first] == [line["path"] for line in second]
+    for line in first:
+        length = np.linalg.norm(np.diff(line["path"], axis=0), axis=1).sum()
+        assert line["length_rad"] == pytest.approx(length)
+        assert line["lower_bound_rad"] <= length + 1e-9 <= line["first_length_rad"] + 2e-9
+    assert run("verify", set_file, files[0]) == exit_codes.DONE
+    assert run("plan", set_file, "--optimise-s", "-1") == exit_codes.BAD_INPUT
+    plain = plan_set(load_problem_set(set_file), budget=Budget(2.0))
+    assert plain.first_length == () and plain.to_json()["mean_lower_bound_rad"] is None
+
+
 def test_wrong_lines_are_refused_by_number(set_file, tmp_path):
     out = tmp_path / "paths.jsonl"
     plan_set(load_problem_set(set_file), budget=Budget(2.0), out=out)

@@ -45,6 +45,20 @@ def test_shares_of_the_opening(scene):
         fingers_at(scene, robot, 1.2)
 
 
+def test_a_second_arm_is_no_finger(tmp_path):
+    (tmp_path / "two.xml").write_text(
+        '<mujoco><compiler angle="radian"/><worldbody><body name="trunk"><geom size=".1"/>'
+        '<body name="left" pos="0 .2 0"><joint name="left" axis="0 0 1" range="-1 1"/><geom size=".05"/>'
+        '<site name="tool" pos=".1 0 0"/></body>'
+        '<body name="right" pos="0 -.2 0"><joint name="right" axis="0 0 1" range="-1 2"/><geom size=".05"/></body>'
+        '</body></worldbody><actuator><motor joint="left"/><motor joint="right"/></actuator></mujoco>'
+    )
+    scene = Scene.load(tmp_path / "two.xml")
+    robot = scene.robot()
+    assert robot.robot.joint_names == ("left",) and robot.fingers == ((1, 0.0),)
+    assert fingers_at(scene, robot, 0.0) == fingers_at(scene, robot, 1.0) == robot.fingers
+
+
 def test_the_hand_alone_has_the_clearance_of_the_whole_robot_there(scene):
     """With the tool where the arm has it, the hand's clearance is that of the hand's pairs on the compiled model."""
     robot = scene.robot()

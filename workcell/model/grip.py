@@ -25,6 +25,8 @@ _BISECTIONS = 16
 def fingers_at(scene: Scene, robot: SceneRobot, opening: float) -> Fingers:
     """The gripper's joints at a share of the way from closed (0) to where the scene has them open (1).
 
+    Joints that are neither planned for nor in the hand, such as a second arm's, stay where they are.
+
     Raises:
         InputError: a share outside [0, 1].
     """
@@ -32,10 +34,12 @@ def fingers_at(scene: Scene, robot: SceneRobot, opening: float) -> Fingers:
         raise InputError(
             f"an opening of {opening}", where="opening", remedy="a share from 0 (closed) to 1 (open)"
         )
-    placed = []
+    placed, hand = [], _hand_joints(scene, robot)
     for joint, (address, opened) in zip(_joints(scene, robot), robot.fingers, strict=True):
         low, high = scene.model.jnt_range[joint]
         closed = low if abs(opened - low) > abs(opened - high) else high
+        if joint not in hand:
+            closed = opened
         placed.append((address, float(closed + opening * (opened - closed))))
     return tuple(placed)
 
@@ -53,7 +57,8 @@ def fingers_holding(scene: Scene, robot: SceneRobot, thing: str, T_tool_object: 
         T_tool_object: how it stands in the tool's frame.
     """
     held, stands = scene.object(thing), scene.object(thing).qpos_address
-    if not robot.fingers or stands is None:
+    hand = _hand_joints(scene, robot)
+    if not hand or stands is None:
         return robot.fingers
     model = scene.model
     qpos = np.array(scene.initial_qpos())
@@ -61,7 +66,7 @@ def fingers_holding(scene: Scene, robot: SceneRobot, thing: str, T_tool_object: 
     qpos[robot.qpos_addresses] = robot.start
     qpos[stands : stands + 3] = T_world_object.position
     qpos[stands + 3 : stands + 7] = T_world_object.quat_wxyz
-    fingers = _solid_geoms(model, {int(model.jnt_bodyid[joint]) for joint in _joints(scene, robot)})
+    fingers = _solid_geoms(model, {int(model.jnt_bodyid[joint]) for joint in hand})
     others = _solid_geoms(model, held.body_ids)
 
     def at(opening: float) -> Fingers:
@@ -198,6 +203,12 @@ def _move(data: mujoco.MjData, geom: int, T: Array) -> None:
 def _joints(scene: Scene, robot: SceneRobot) -> list[int]:
     """Ids of the joints that `robot.fingers` lists."""
     return [int(np.flatnonzero(scene.model.jnt_qposadr == address)[0]) for address, _ in robot.fingers]
+
+
+def _hand_joints(scene: Scene, robot: SceneRobot) -> list[int]:
+    """Those of them whose bodies the tool's link carries."""
+    carried = robot.link_body_ids[robot.robot.tool().link]
+    return [joint for joint in _joints(scene, robot) if int(scene.model.jnt_bodyid[joint]) in carried]
 
 
 def _solid_geoms(model: mujoco.MjModel, bodies: Collection[int]) -> list[int]:

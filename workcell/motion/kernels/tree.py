@@ -1,8 +1,8 @@
 """RRT-Connect (Kuffner and LaValle, 2000) from one start to any of many goals, with edges that are proved when they are added.
 
 An edge ends before the first of a few samples that touches something. The smaller tree grows, so that a tree that is
-walled in gets the samples which it takes to come out. Nodes that keep failing draw samples from near by only (dynamic domains: Yershova, Jaillet, Simeon, LaValle, 2005, with
-the adaptive radius of Jaillet et al., 2005).
+walled in gets the samples that it takes to come out. Nodes that keep failing draw samples from near by only (dynamic
+domains: Yershova, Jaillet, Simeon, LaValle, 2005, with the adaptive radius of Jaillet et al., 2005).
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from workcell.errors import InputError, ModelError, UnknownNameError
+from workcell.errors import InputError, ModelError, OutputError, UnknownNameError
 from workcell.job import Job
 from workcell.model.data import find_task
 from workcell.record.review import review
@@ -113,3 +113,12 @@ def test_a_try_is_quiet_and_ends_nothing():
     assert not job.can(fails) and not job.can(collides)
     assert job.can(looks_further, fails) and job.can(looks_further, dict)
     assert not told and not job.trying
+
+
+@pytest.mark.parametrize("name", ["shelf_grasp.rrd", "shelf_grasp.json"])
+def test_a_run_that_could_not_be_written_is_not_begun(tmp_path, name):
+    (tmp_path / name).mkdir()
+    said = []
+    with pytest.raises(OutputError, match=rf"{name}: the file can't be written: Is a directory"):
+        run_task("shelf_grasp", out=tmp_path, say=said.append)
+    assert not said and [path.name for path in tmp_path.iterdir()] == [name]

@@ -17,7 +17,7 @@ from workcell.model.data import find_task
 from workcell.model.overlap import start_overlap
 from workcell.model.scene import Scene
 from workcell.record.recording import Recording
-from workcell.record.summary import write_json_atomic
+from workcell.record.summary import check_writable, write_json_atomic
 from workcell.script import TaskFailedError, load_script, run_script
 from workcell.simulate.controller import CONTROLLERS
 
@@ -86,6 +86,8 @@ def run_task(
         "max_tracking_error_m": None,
     }
     recording_path, summary_path = folder / f"{name}.rrd", folder / f"{name}.json"
+    check_writable(recording_path)
+    check_writable(summary_path)
     recording = Recording(recording_path, task=name, seed=seed)
     job = Job(scene, planner, controller, seed, recording, say, summary, began)
     compiled_before = compiling_seconds()

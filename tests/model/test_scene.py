@@ -253,3 +253,10 @@ def test_the_task_says_whether_an_object_is_free_and_not_its_file(tmp_path):
     assert lid.object("thing").qpos_address is None and lid.model.nq == 7
     with pytest.raises(ModelError, match="root body 'thing' has the joint 'lid'"):
         with_thing(tmp_path, joint='<joint name="lid"/>')
+
+
+def test_what_a_scene_says_of_its_robots_can_not_be_changed(scene):
+    arm = scene.robot()
+    for values in (arm.start, arm.qpos_addresses, arm.dof_addresses, arm.actuator_ids):
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 1

@@ -198,10 +198,12 @@ def decompose(options: argparse.Namespace) -> int:
     from workcell.model.scene import Scene
     from workcell.record.summary import write_json_atomic
 
-    scene = Scene.load(options.cell, robot=options.robot)
+    scene, name = Scene.load(options.cell), options.robot
+    if name is not None and name not in scene.robots:
+        scene, name = Scene.load(options.cell, robot=name), None
     check_outputs((options.out, options.png, options.rrd, options.table), (options.cell, options.robot))
     with progress_bar("decompose", 6) as bar:
-        result = run(scene, overshoot=options.overshoot, seed=options.seed, progress=bar.step)
+        result = run(scene, name, overshoot=options.overshoot, seed=options.seed, progress=bar.step)
     document = result.to_json()
     if options.out:
         write_json_atomic(Path(options.out), document)

@@ -120,7 +120,8 @@ def _add_models(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     decompose.add_argument(
         "--robot",
         metavar="R",
-        help="a robot to mount in a cell that has none: at its site robot_mount, or at the origin",
+        help="one of the cell's robots; or one to mount in a cell that has none, at its site robot_mount or at the "
+        "origin, and in place of a task's",
     )
     decompose.add_argument(
         "--overshoot",

@@ -66,11 +66,17 @@ def cover_pieces(pieces: Sequence[Piece], overshoot: float) -> tuple[Array, Arra
     return _covers[key]
 
 
+LEAST_OVERSHOOT = 5e-4
+"""Metres: below, a robot takes more spheres than anything here can do with, and the proof's cells are as large."""
+
+
 def check_overshoot(overshoot: float) -> None:
-    """Raise InputError when an overshoot is not a positive number of metres."""
-    if not (np.isfinite(overshoot) and overshoot > 0):
+    """Raise InputError when an overshoot is not a number of metres, or too small for a cover to come to an end."""
+    if not (np.isfinite(overshoot) and overshoot >= LEAST_OVERSHOOT):
         raise InputError(
-            f"an overshoot of {overshoot} m makes no sense", where="overshoot", remedy="e.g. 0.02"
+            f"an overshoot of {overshoot} m makes no sense",
+            where="overshoot",
+            remedy=f"{LEAST_OVERSHOOT} or more, e.g. 0.02",
         )
 
 

@@ -145,7 +145,7 @@ def _refuse(robot: Robot, dimension: int) -> None:
         raise InputError(
             f"joint {sliding[0]!r} is prismatic, which cidgik does not support",
             where=robot.name,
-            remedy="use the solver multistart or hjcd",
+            remedy="auto, branch, hjcd and multistart do",
         )
     axes = _home_axes(robot)
     parallel = bool(np.all(np.abs(axes @ axes[0]) > 1 - _FLAT))

@@ -104,7 +104,7 @@ class Lift:
             raise InputError(
                 f"joint {sliding[0]!r} is prismatic" if sliding else f"{robot.name} is a tree",
                 where=robot.name,
-                remedy="ikspark takes serial chains of revolute joints; use another solver",
+                remedy="ikspark takes serial chains of revolute joints; auto, branch, hjcd and multistart take others too",
             )
         self.robot = robot
         self.tool = robot.tool()

@@ -47,6 +47,11 @@ class SceneRobot:
     start: Array
     fingers: tuple[tuple[int, float], ...] = ()
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "start", read_only(self.start))
+        for name in ("qpos_addresses", "dof_addresses", "actuator_ids"):
+            object.__setattr__(self, name, read_only(getattr(self, name), np.int64))
+
 
 @dataclass(frozen=True, slots=True)
 class SceneObject:
@@ -115,11 +120,17 @@ class Scene:
         return build_scene(source, robot, seed)
 
     def robot(self, name: str | None = None) -> SceneRobot:
-        """The robot of that name, or the only one; raises UnknownNameError."""
+        """The robot of that name, or the only one; raises UnknownNameError, InputError where it takes a name."""
         if name is None and len(self.robots) == 1:
             return next(iter(self.robots.values()))
-        if name is None or name not in self.robots:
-            raise UnknownNameError("robot", str(name), self.robots, where=self.path)
+        if name is None:
+            raise InputError(
+                f"there are {len(self.robots)} robots: name one" if self.robots else "there is no robot here",
+                where=self.path,
+                remedy=f"known: {', '.join(self.robots)}" if self.robots else "mount one: robot=, or --robot",
+            )
+        if name not in self.robots:
+            raise UnknownNameError("robot", name, self.robots, where=self.path)
         return self.robots[name]
 
     def goal(self, name: str) -> Goal:

@@ -27,9 +27,8 @@ _LINK_RGB = (
     (0.74, 0.74, 0.13),
 )
 """Colours of the moving links' cuboids, in the order of the links, over and over."""
-_FILL = 0.25
-_EDGE_M = 0.002
-_INSET_M = 0.003
+_EDGE_M = 0.003
+_INSET_M = 0.006
 """Boxes are drawn so much smaller for each further link, so that links in one cuboid are all seen."""
 
 
@@ -83,7 +82,7 @@ class CuboidUse:
         for link, name in follower.links.items():
             rgb = _LINK_RGB[(link - 1) % len(_LINK_RGB)]
             path = self._path(robot.name, name)
-            self._writer.log_box_style(path, (*rgb, _FILL), _EDGE_M)
+            self._writer.log_box_style(path, (*rgb, 1.0), _EDGE_M)
             self._writer.log_numbers(path, link=link)
 
     @property

@@ -237,9 +237,9 @@ class RrdWriter:
         self._stream.reset_time()
 
     def log_box_style(self, path: str, rgba: Sequence[float], radius: float) -> None:
-        """Colour of the boxes that `send_boxes` draws, and thickness of their edges."""
-        fill = self._rr.components.FillMode.TransparentFillMajorWireframe
-        style = self._rr.Boxes3D.from_fields(colors=[colour_bytes(rgba)], radii=[radius], fill_mode=fill)
+        """Colour and thickness of the edges of the boxes that `send_boxes` draws."""
+        edges = self._rr.components.FillMode.MajorWireframe
+        style = self._rr.Boxes3D.from_fields(colors=[colour_bytes(rgba)], radii=[radius], fill_mode=edges)
         self.log(path, style)
 
     def log_numbers(self, path: str, **values: int) -> None:

@@ -205,3 +205,26 @@ def test_what_is_no_model_file_is_said_in_one_message(tmp_path, capfd, name, con
     with pytest.raises(ModelError, match=says):
         load_robot(tmp_path / name)
     assert capfd.readouterr() == ("", "")
+
+
+ROD = """<mujoco><worldbody><body name="rod"><joint name="turn" range="-90 90"/><geom size="0.1"/><site name="tool" pos="0 0 1"/>
+</body></worldbody><custom><numeric name="turn:velocity" data="2"/></custom><actuator><motor joint="turn"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('range="-90 90"', 'range="90 -90"', "the range of joint 'turn'"),
+        ('range="-90 90"', 'range="nan 90"', "the range of joint 'turn'"),
+        ('range="-90 90"', 'type="slide"', "'turn' has no limits"),
+        ('data="2"', 'data="-2"', "'turn:velocity' is -2"),
+        ('data="2"', 'data="nan"', "'turn:velocity' is nan"),
+        ('pos="0 0 1"', 'pos="0 nan 1"', "site 'tool' is not finite"),
+    ],
+)
+def test_numbers_that_mujoco_lets_pass_are_refused(tmp_path, old, new, says):
+    (tmp_path / "rod.xml").write_text(ROD)
+    assert load_robot(tmp_path / "rod.xml").velocity.tolist() == [2.0]
+    (tmp_path / "rod.xml").write_text(ROD.replace(old, new))
+    with pytest.raises(ModelError, match=rf"rod\.xml: .*{says}"):
+        load_robot(tmp_path / "rod.xml")

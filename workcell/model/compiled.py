@@ -61,7 +61,7 @@ def robot_from_model(
     joint_names = tuple(model.joint(j).name.removeprefix(prefix) for j in walk.joints)
     count = len(walk.joints)
     home = [_home_value(model, j, prefix) for j in walk.joints]
-    lower, upper = _limits(model, walk.joints)
+    lower, upper = _limits(model, walk.joints, where)
     return Robot(
         name=name,
         joint_names=joint_names,
@@ -76,8 +76,8 @@ def robot_from_model(
         prismatic=np.array([int(model.jnt_type[j]) == _slide() for j in walk.joints]),
         lower=lower,
         upper=upper,
-        velocity=_numeric_limits(model, walk.joints, VELOCITY),
-        acceleration=_numeric_limits(model, walk.joints, ACCELERATION),
+        velocity=_numeric_limits(model, walk.joints, VELOCITY, where),
+        acceleration=_numeric_limits(model, walk.joints, ACCELERATION, where),
         effort=effort_limits(model, walk.joints),
         tools=tools,
         default_tool=model.site(site).name.removeprefix(prefix),
@@ -227,15 +227,22 @@ def _is_actuated(model: mujoco.MjModel, joint: int) -> bool:
     return actuator_of_joint(model, joint) is not None
 
 
-def _limits(model: mujoco.MjModel, joints: Sequence[int]) -> tuple[Array, Array]:
+def _limits(model: mujoco.MjModel, joints: Sequence[int], where: str | Path | None) -> tuple[Array, Array]:
     """Position limits; an unlimited hinge gets one turn either way of zero, since workcell needs finite limits."""
     lower, upper = [], []
     for joint in joints:
         limited = bool(model.jnt_limited[joint])
         slide = int(model.jnt_type[joint]) == _slide()
+        if not model.jnt_range[joint, 0] <= model.jnt_range[joint, 1]:  # MuJoCo takes the joint for unlimited
+            raise ModelError(
+                f"the range of joint {model.joint(joint).name!r} is {model.jnt_range[joint].tolist()}",
+                where=where,
+                remedy="the lower limit, then the upper one",
+            )
         if not limited and slide:
             raise ModelError(
                 f"slide joint {model.joint(joint).name!r} has no limits",
+                where=where,
                 remedy="give its range in the model file",
             )
         low, high = model.jnt_range[joint] if limited else (-2 * np.pi, 2 * np.pi)
@@ -244,12 +251,21 @@ def _limits(model: mujoco.MjModel, joints: Sequence[int]) -> tuple[Array, Array]
     return np.array(lower), np.array(upper)
 
 
-def _numeric_limits(model: mujoco.MjModel, joints: Sequence[int], suffix: str) -> Array:
+def _numeric_limits(
+    model: mujoco.MjModel, joints: Sequence[int], suffix: str, where: str | Path | None
+) -> Array:
     names = {model.numeric(i).name: i for i in range(model.nnumeric)}
     values = []
     for joint in joints:
         numeric = names.get(model.joint(joint).name + suffix)
-        values.append(np.inf if numeric is None else float(model.numeric_data[model.numeric_adr[numeric]]))
+        value = np.inf if numeric is None else float(model.numeric_data[model.numeric_adr[numeric]])
+        if not value > 0:
+            raise ModelError(
+                f"the limit {model.joint(joint).name + suffix!r} is {value:g}",
+                where=where,
+                remedy="a positive number",
+            )
+        values.append(value)
     return np.array(values)
 
 

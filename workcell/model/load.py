@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
+import numpy as np
+
 from workcell.errors import ModelError
 from workcell.model.compiled import VELOCITY, robot_from_model
 from workcell.model.data import AssetKind, find_asset
@@ -77,9 +79,15 @@ def compile_spec(spec: mujoco.MjSpec, where: str | Path) -> mujoco.MjModel:
 
     try:
         with quiet_mujoco():
-            return spec.compile()
+            model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise ModelError(f"MuJoCo can't compile this model: {_one_line(error)}", where=where) from None
+    for kind in ("body", "geom", "site"):
+        places = np.hstack([getattr(model, f"{kind}_pos"), getattr(model, f"{kind}_quat")])
+        for index in np.flatnonzero(~np.isfinite(places).all(axis=1)):
+            name = getattr(model, kind)(int(index)).name or f"number {index}"
+            raise ModelError(f"the pose of {kind} {name!r} is not finite", where=where)
+    return model
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from workcell.cli import exit_codes
 from workcell.cli.output import check_outputs, print_json, print_table, progress_bar
-from workcell.errors import InputError, UnknownNameError
+from workcell.errors import UnknownNameError
 
 if TYPE_CHECKING:
     from workcell.model.robot import Robot
@@ -181,11 +181,7 @@ def _scene_problems(scene: Scene) -> list[str]:
             f"no joint is actuated, so that there is no robot: {', '.join(joints)}; "
             "add an <actuator> with a <motor joint=...> for every joint that workcell may move"
         )
-    for name, robot in scene.robots.items():
-        try:
-            robot.robot.check_limits(robot.start, where=f"start of robot {name}")
-        except InputError as error:
-            problems.append(str(error))
+    for name in scene.robots:
         if overlap := start_overlap(scene, name):
             what, remedy = overlap
             problems.append(f"robot {name} starts in collision: {what}; {remedy}")

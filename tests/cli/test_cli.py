@@ -279,5 +279,7 @@ def test_ik_names_the_robots_of_a_cell_that_has_several(capsys):
 
 
 def test_a_pipe_gets_whole_lines(capsys):
-    _, out, _ = call(capsys, "robots")
-    assert any("parallel_gripper" in line and line.rstrip().endswith(".xml") for line in out.splitlines())
+    _, out, _ = call(capsys, "bench", "--list")
+    assert any(
+        line.startswith(" covers ") and "n random points re-check each" in line for line in out.splitlines()
+    )

@@ -145,16 +145,16 @@ class RrdWriter:
 
     def log_pose(self, path: str, pose: Pose, carrier: str | None = None) -> None:
         """A transform from the entity to its parent, or to the entity `carrier`, that never changes."""
+        self.log(path, self._transform(pose, carrier))
+
+    def _transform(self, pose: Pose, carrier: str | None) -> Any:
         frame = None if carrier is None else frame_of(carrier)
         quaternion = to_xyzw(pose.quat_wxyz)
-        self.log(
-            path, self._rr.Transform3D(translation=pose.position, quaternion=quaternion, parent_frame=frame)
-        )
+        return self._rr.Transform3D(translation=pose.position, quaternion=quaternion, parent_frame=frame)
 
     def log_shape(self, path: str, shape: Shape, carrier: str | None = None) -> None:
         """A solid, with its place in the parent entity or in `carrier`."""
-        self.log_pose(path, shape.pose, carrier)
-        self.log(path, archetype_of(self._rr, shape))
+        self.log(path, self._transform(shape.pose, carrier), archetype_of(self._rr, shape))
 
     def log_spheres(
         self, path: str, centres: Array, radii: Array, rgba: Sequence[float], carrier: str

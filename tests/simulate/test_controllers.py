@@ -5,6 +5,7 @@ import pytest
 
 from tests.simulate.test_simulation import quintic, towards_the_pillar
 from workcell.errors import InputError, UnknownNameError
+from workcell.model.build import robot_scene
 from workcell.simulate.arm_model import ArmModel
 from workcell.simulate.controller import CONTROLLERS, PositionServo
 from workcell.simulate.execution import StopReason
@@ -139,3 +140,40 @@ def test_unknown_names(scene):
         Simulation(scene, imperfections=Imperfections(pulses=(Pulse("sawyer/right_l9", (1, 0, 0), 0, 1),)))
     with pytest.raises(UnknownNameError, match="actuator named 'chuck'"):
         Simulation(scene, settings=Settings()).actuate("chuck", 1.0)
+
+
+LIGHT = """
+<mujoco model="light">
+  <compiler angle="radian"/>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody>
+    <body name="upper">
+      <joint name="shoulder" axis="0 1 0" range="-2 2"/>
+      <geom type="capsule" fromto="0.05 0 0 0.3 0 0" size="0.03" mass="1"/>
+      <body name="fore" pos="0.35 0 0">
+        <joint name="elbow" axis="0 1 0" range="-2 2"/>
+        <geom type="capsule" fromto="0.05 0 0 0.3 0 0" size="0.03" mass="1"/>
+        <body name="hand" pos="0.35 0 0">
+          <joint name="wrist" axis="0 1 0" range="-2 2"/>
+          <geom type="sphere" pos="0.05 0 0" size="0.03" mass="0.3"/>
+          <site name="tool" pos="0.1 0 0"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor joint="shoulder" forcerange="-60 60"/><motor joint="elbow" forcerange="-60 60"/><motor joint="wrist" forcerange="-20 20"/>
+  </actuator>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_light_links_without_armature_are_not_shaken(tmp_path, controller):
+    (tmp_path / "light.xml").write_text(LIGHT)
+    scene = robot_scene(tmp_path / "light.xml")
+    simulation = Simulation(scene, controller=controller)
+    start = scene.robot().start
+    assert simulation.execute(quintic(scene.robot().name, start, start + 0.5, 1.0))
+    result = simulation.result()
+    assert result.saturated_steps == 0 and result.max_tracking_error_m < 5e-4

@@ -74,8 +74,8 @@ class ArmModel:
         torque: Array = data.qfrc_inverse[self._dofs]
         return torque
 
-    def inertias_at_start(self, qpos: Array) -> Array:
-        """(n,) diagonal of the joint-space inertia matrix where the arm starts; armature included.
+    def inertia_at_start(self, qpos: Array) -> Array:
+        """(n, n) joint-space inertia matrix where the arm starts; armature included.
 
         Args:
             qpos: (nq,) raw positions of the rest of the scene.
@@ -86,7 +86,7 @@ class ArmModel:
         self._mujoco.mj_forward(self._model, data)
         full = np.zeros((self._model.nv, self._model.nv))
         self._mujoco.mj_fullM(self._model, data, full)
-        return np.array(np.diag(full)[self._dofs])
+        return full[np.ix_(self._dofs, self._dofs)]
 
     def measured(self, qpos: Array, qvel: Array) -> tuple[Array, Array]:
         """(n,) positions and velocities of the joints as the controller's sensors report them."""

@@ -96,10 +96,16 @@ SERVO_GAINS = Gains(kp=2500.0, kd=100.0)
 """Critically damped at 50 rad/s about the inertia at the start: stiff, as geared drives are."""
 
 
+_LARGEST_STEP = 1.3
+"""Share of a joint velocity that the dampers may take away in a control step; from 2 on they shake the arm."""
+
+
 class PositionServo:
     """The controller of one robot in a compiled model: a joint servo with feed-forward.
 
-    The springs and dampers are `gains` times the joints' inertias at the start; they stay as the arm moves.
+    The springs and dampers are `gains` times the joints' inertias at the start; they stay as the arm moves. Light links
+    that hang on each other feel more of them than their own inertia says: for such an arm the dampers are weaker, as
+    much as one control step allows, and the springs with them.
 
     Args: as `ComputedTorque`, and
         qpos: (nq,) raw positions of the scene at the start.
@@ -115,8 +121,11 @@ class PositionServo:
     ) -> None:
         self.arm = ArmModel(model, robot, imperfections)
         self.gains = gains or SERVO_GAINS
-        inertia = self.arm.inertias_at_start(qpos)
-        self.stiffness, self.damping = self.gains.kp * inertia, self.gains.kd * inertia
+        inertia = self.arm.inertia_at_start(qpos)
+        own = np.diag(inertia)
+        rate = self.gains.kd * float(np.abs(np.linalg.eigvals(np.linalg.solve(inertia, np.diag(own)))).max())
+        softer = min(1.0, _LARGEST_STEP / (rate * model.opt.timestep))
+        self.stiffness, self.damping = softer**2 * self.gains.kp * own, softer * self.gains.kd * own
 
     def torque(
         self, qpos: Array, qvel: Array, q_ref: Array, qd_ref: Array, qdd_ref: Array

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 LEVELS = ("INFO", "WARN", "ERROR")
 
-_CHUNK_S = 0.45
+_CHUNK_S = 0.7
 _CHUNK_WALL_S = 0.8
 
 
@@ -44,7 +44,7 @@ class _Buffer:
 class Recording(SceneLog):
     """An `.rrd` file being written. Use it as a context manager.
 
-    Rows are handed to the operating system twice a simulated second, and at least about once a second of the clock, so that
+    Rows are handed to the operating system at least once a simulated second, and about once a second of the clock, so that
     a killed process leaves a readable file.
     While it is open the file is `<name>.partial.rrd`; `close` writes the finished one to `path`. A run that ends with
     an exception keeps the partial file, with the failure as its last event: an earlier recording at `path` is intact.

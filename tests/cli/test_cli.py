@@ -278,7 +278,8 @@ def test_ik_names_the_robots_of_a_cell_that_has_several(capsys):
     assert code == exit_codes.BAD_INPUT and "known: left, right" in err
 
 
-def test_a_pipe_gets_whole_lines(capsys):
+def test_a_pipe_gets_whole_lines(capsys, monkeypatch):
+    monkeypatch.delenv("COLUMNS", raising=False)
     _, out, _ = call(capsys, "bench", "--list")
     assert any(
         line.startswith(" covers ") and "n random points re-check each" in line for line in out.splitlines()

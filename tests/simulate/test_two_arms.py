@@ -28,7 +28,7 @@ def test_both_hold_their_place_and_one_moves_alone(scene):
     assert np.abs(result.q[:, :7] - scene.robot("left").start).max() < 1e-4
     assert np.abs(simulation.arm("right").reference - start - 0.1).max() < 1e-12
     assert result.max_tracking_error_m < 5e-4
-    with pytest.raises(UnknownNameError, match="robot named 'None'"):
+    with pytest.raises(InputError, match="there are 2 robots: name one"):
         simulation.arm()
     with pytest.raises(UnknownNameError, match="robot named 'middle'"):
         simulation.execute(quintic("middle", start, start, 0.1))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from workcell.record.metrics import Series, unit_of
+from workcell.record.metrics import Series, label_of, unit_of
 from workcell.record.review import Review
 from workcell.record.scene_log import JOINT_POSITIONS
 from workcell.record.solver_table import stage_rows
@@ -214,7 +214,7 @@ def _heads(first: Review, second: Review) -> list[Any]:
 def _cells(row: MetricDifference) -> tuple[str, ...]:
     scale, unit = unit_of(row.name)
     pairs = [("-", "-") if r is None else (f"{scale * r[0]:.3f}", f"{scale * r[1]:.3f}") for r in (row.first, row.second)]  # fmt: skip
-    return (f"{row.name} {unit}".rstrip(), pairs[0][0], pairs[1][0], pairs[0][1], pairs[1][1])
+    return (f"{label_of(row.name)} {unit}".rstrip(), pairs[0][0], pairs[1][0], pairs[0][1], pairs[1][1])
 
 
 def _grid(head: tuple[str, ...], rows: Any) -> Any:

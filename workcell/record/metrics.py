@@ -22,6 +22,11 @@ def unit_of(name: str) -> tuple[float, str]:
     return 1.0, "rad" if name.startswith("joint_positions") else ""
 
 
+def label_of(name: str) -> str:
+    """A metric's name as it is read: the unit stands beside it."""
+    return name.removesuffix("_rad")
+
+
 @dataclass(frozen=True, slots=True)
 class Series:
     """One metric over time: times (T,), values (T, k), and the names of its k columns."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workcell.record.cameras import choose_cameras
-from workcell.record.metrics import unit_of
+from workcell.record.metrics import label_of, unit_of
 from workcell.record.moments import key_moments
 from workcell.record.page_tables import cuboid_section, solver_section, table
 from workcell.record.pictures import contact_sheet
@@ -143,7 +143,7 @@ def _metrics(review: Review) -> str:
         values = (row.minimum, row.maximum, row.mean, row.final)
         low, high, mean, final = (f"{scale * value:.3f}" for value in values)
         at = f"{row.time_of_minimum:.2f}", f"{row.time_of_maximum:.2f}"
-        rows.append((escape(f"{row.name} {unit}".rstrip()), low, at[0], high, at[1], mean, final))
+        rows.append((escape(f"{label_of(row.name)} {unit}".rstrip()), low, at[0], high, at[1], mean, final))
     return table(("metric", "min", "at s", "max", "at s", "mean", "final"), rows, numbers_from=1)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from workcell.record.metrics import unit_of
+from workcell.record.metrics import label_of, unit_of
 from workcell.record.solver_table import own_cuboids, stage_rows, summary
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def _metrics_table(review: Review) -> Table:
 def _cells(row: MetricRow) -> tuple[str, ...]:
     scale, unit = unit_of(row.name)
     values = [f"{scale * value:.3f}" for value in (row.minimum, row.maximum, row.mean, row.final)]
-    name = f"{row.name} [dim]{unit}[/dim]" if scale != 1.0 else row.name
+    name = f"{label_of(row.name)} [dim]{unit}[/dim]" if scale != 1.0 else row.name
     at_low, at_high = f"{row.time_of_minimum:.2f}", f"{row.time_of_maximum:.2f}"
     return (name, values[0], at_low, values[1], at_high, values[2], values[3])
 

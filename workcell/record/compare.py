@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -147,10 +148,20 @@ def compare(first: Review, second: Review) -> Comparison:
 
 
 def _facts(first: Review, second: Review) -> list[tuple[str, str, str]]:
-    a, b = {**first.manifest, **first.result}, {**second.manifest, **second.result}
-    names = [name for name in {**a, **b} if name not in _IGNORED]
-    told = [(name, _short(a.get(name)), _short(b.get(name))) for name in names]
+    a, b = (_flat({**review.manifest, **review.result}) for review in (first, second))
+    told = [(name, _short(a.get(name)), _short(b.get(name))) for name in {**a, **b}]
     return [row for row in told if row[1] != row[2]]
+
+
+def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    """Nested entries under one name each, `robots.sawyer.dof`; what is ignored is left out."""
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        if name not in _IGNORED:
+            found |= (
+                _flat(value, f"{before}{name}.") if isinstance(value, Mapping) else {before + name: value}
+            )
+    return found
 
 
 def _short(value: Any) -> str:

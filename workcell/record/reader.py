@@ -118,7 +118,7 @@ def read(path: str | Path) -> Contents:
         raise RecordingError(
             f"this is not an .rrd recording: {start}", where=path, remedy="give the path of an .rrd file"
         )
-    version = ".".join(str(byte) for byte in data[4:7])
+    version = ".".join(str(byte) for byte in data[4:7]) if len(data) > 6 else "of an unknown version"
     missing: list[str] = []
     try:
         store, blueprint, chunks = _read_whole(path)

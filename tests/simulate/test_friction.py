@@ -6,6 +6,7 @@ import pytest
 from tests.motion.local_solver import solve_locally
 from tests.simulate.test_simulation import quintic, replace_start
 from workcell.ik.problem import IKProblem
+from workcell.pose import Pose
 from workcell.simulate.execution import StopReason
 from workcell.simulate.simulation import Simulation
 
@@ -45,6 +46,20 @@ def test_slippery_pads_lose_it_and_the_run_says_so(at_the_brick):
     assert "brick slipped by" in simulation.stop.detail
     events = [event.text for event in simulation.result().events]
     assert any("the brick slips in the hand" in text for text in events), "a warning comes first"
+
+
+def test_an_object_that_only_turns_in_the_hand_slips_too(at_the_brick):
+    simulation = Simulation(at_the_brick)
+    assert simulation.grasp("brick", hold="friction")
+    before = simulation.slip()
+    address = at_the_brick.object("brick").qpos_address
+    turned = Pose(np.zeros(3), simulation._data.qpos[address + 3 : address + 7]) @ Pose(
+        np.zeros(3), np.array([np.cos(0.05), np.sin(0.05), 0.0, 0.0])
+    )
+    simulation._data.qpos[address + 3 : address + 7] = turned.quat_wxyz
+    simulation._mujoco.mj_forward(simulation._model, simulation._data)
+    # a box of half sizes 0.03, 0.03, 0.04 that stands on its origin: its top edges are farthest from the x axis
+    assert simulation.slip() == pytest.approx(2 * np.sin(0.05) * np.hypot(0.03, 0.08), abs=2 * before + 1e-6)
 
 
 def test_releasing_by_friction(at_the_brick):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,7 +12,7 @@ import numpy as np
 from workcell.errors import ModelError
 from workcell.model.build import GRASP
 from workcell.model.scene import SceneObject, SceneRobot
-from workcell.pose import Pose
+from workcell.pose import Array, Pose, read_only
 
 if TYPE_CHECKING:
     import mujoco
@@ -60,11 +62,17 @@ class Hand:
 
 @dataclass(frozen=True, slots=True)
 class Weld:
-    """The equality, inactive at first, that holds one object to one hand."""
+    """The equality, inactive at first, that holds one object to one hand.
+
+    Attributes:
+        equality: its id; hand_body, object_body: of the bodies that it joins.
+        corners: (k, 3) of the boxes around the object's geoms, in its own frame.
+    """
 
     equality: int
     hand_body: int
     object_body: int
+    corners: Array
 
     @staticmethod
     def of(model: mujoco.MjModel, robot: SceneRobot, thing: SceneObject) -> Weld:
@@ -78,7 +86,8 @@ class Weld:
                 f"{robot.name} can't hold {thing.name!r}: the model has no weld {name!r}",
                 remedy="a free object, and a gripper with a site named `tool`, get one when the scene is loaded",
             )
-        return Weld(equality, int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality]))
+        hand, held = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
+        return Weld(equality, hand, held, read_only(_corners(model, held, thing.body_ids)))
 
     def relative_pose(self, data: mujoco.MjData) -> Pose:
         """`T_hand_object` as the bodies stand in `data`."""
@@ -86,10 +95,11 @@ class Weld:
         return hand.inverse() @ Pose(data.xpos[self.object_body], data.xquat[self.object_body])
 
     def slip(self, data: mujoco.MjData, T_hand_object: Pose) -> float:
-        """How far the object's origin has moved in the hand since it stood at `T_hand_object`, metres."""
-        R = data.xmat[self.hand_body].reshape(3, 3)
-        now = R.T @ (data.xpos[self.object_body] - data.xpos[self.hand_body])
-        return float(np.linalg.norm(now - T_hand_object.position))
+        """How far any point of the object has moved in the hand since it stood at `T_hand_object`, metres."""
+        R_hand, R_object = (data.xmat[body].reshape(3, 3) for body in (self.hand_body, self.object_body))
+        from_hand = self.corners @ R_object.T + (data.xpos[self.object_body] - data.xpos[self.hand_body])
+        moved = from_hand @ R_hand - T_hand_object.apply(self.corners)
+        return float(np.sqrt((moved**2).sum(axis=1).max(initial=0.0)))
 
     def close(self, model: mujoco.MjModel, data: mujoco.MjData) -> Pose:
         """Hold the object as it stands in the hand now; returns `T_hand_object`."""
@@ -107,6 +117,22 @@ class Weld:
     def release(self, data: mujoco.MjData) -> None:
         """Let go."""
         data.eq_active[self.equality] = 0
+
+
+def _corners(model: mujoco.MjModel, root: int, bodies: Iterable[int]) -> Array:
+    """(8 g, 3) corners of the boxes around the geoms of `bodies`, which stand still on `root`, in the frame of `root`."""
+    signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+    found = [np.zeros((0, 3))]
+    for body in bodies:
+        T_root_body, at = Pose.identity(), body
+        while at != root:
+            T_root_body = Pose(model.body_pos[at], model.body_quat[at]) @ T_root_body
+            at = int(model.body_parentid[at])
+        for geom in np.flatnonzero(model.geom_bodyid == body):
+            T_root_geom = T_root_body @ Pose(model.geom_pos[geom], model.geom_quat[geom])
+            centre, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+            found.append(T_root_geom.apply(centre + signs * half))
+    return np.concatenate(found)
 
 
 def _is_under(model: mujoco.MjModel, body: int, root: int) -> bool:

@@ -110,7 +110,7 @@ class Watch:
         return self._rules.touched_by(self._data, geoms)
 
     def slip(self, held: Held) -> float:
-        """How far a held object has moved in the hand since the grasp, metres."""
+        """How far any point of a held object has moved in the hand since the grasp, metres."""
         return held.weld.slip(self._data, held.T_hand_object)
 
     def shared(self) -> list[Held]:

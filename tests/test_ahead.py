@@ -19,7 +19,7 @@ def prepare_kernels():
     made.write_text("by the process " + str(__import__("os").getpid()))
 """
 
-needs_two_cores = pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="only where a core is to spare")
+needs_two_cores = pytest.mark.skipif(ahead.cores() < 2, reason="only where a core is to spare")
 
 
 @pytest.fixture

@@ -64,10 +64,15 @@ class _State:
     waited: float = 0.0
 
 
+def cores() -> int:
+    """How many cores this process may use, where the system tells; else how many there are."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def compile_ahead(*modules: str) -> None:
     """Begin to compile what these modules need, one after the other, but for those that have been compiled before."""
     missing = [module for module in modules if not importlib.import_module(module).kernels_ready()]
-    if missing and _State.ahead is None and len(os.sched_getaffinity(0)) > 1:
+    if missing and _State.ahead is None and cores() > 1:
         _State.ahead = _Ahead(missing)
 
 

@@ -61,10 +61,12 @@ def test_what_waits_its_turn_is_not_waited_for(pretended):
 
 @needs_two_cores
 def test_a_process_that_dies_keeps_nobody_waiting(pretended):
-    pretended(pretend_broken="raise SystemExit(1)", pretend_after="pass")
+    folder = pretended(pretend_broken="raise SystemExit(1)", pretend_after="pass")
     ahead.compile_ahead("pretend_broken", "pretend_after")
     ahead.wait_for("pretend_broken")
     ahead.wait_for("pretend_after")
+    assert ahead._State.ahead._process.wait() == 1
+    assert not list(folder.glob("*.made"))
 
 
 def test_what_was_compiled_before_starts_nothing(pretended):
@@ -72,11 +74,13 @@ def test_what_was_compiled_before_starts_nothing(pretended):
     (folder / "pretend_ready.made").write_text("before")
     ahead.compile_ahead("pretend_ready")
     assert ahead._State.ahead is None
-    ahead.wait_for("pretend_ready")
+    assert (folder / "pretend_ready.made").read_text() == "before"
 
 
-def test_without_anything_on_its_way_nobody_waits():
+def test_without_anything_on_its_way_nobody_waits(pretended):
+    before = ahead.compiling_seconds()
     ahead.wait_for(ahead.DECIDING)
+    assert ahead.compiling_seconds() == before and ahead._State.ahead is None
 
 
 @pytest.mark.parametrize("name", [ahead.TRACKING, ahead.PLANNING, ahead.SAMPLING, ahead.DECIDING])

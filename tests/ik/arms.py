@@ -20,6 +20,20 @@ def planar(lengths: tuple[float, ...] = (0.5, 0.4), limit: float = np.pi) -> Rob
     )
 
 
+def gantry(radius: float) -> tuple[Robot, SphereCover]:
+    """A ball in the plane: two sliding joints of +-1.5 m."""
+    robot = _robot(
+        "gantry",
+        np.zeros((2, 3)),
+        np.tile(np.eye(3), (2, 1, 1)),
+        np.eye(3)[:2],
+        1.5,
+        [0, 0, 0],
+        np.ones(2, dtype=bool),
+    )
+    return robot, SphereCover(np.array([2]), np.zeros((1, 3)), np.array([radius]))
+
+
 def seven() -> Robot:
     """A seven-joint arm: roll and pitch joints in turn, with offsets at the elbow."""
     xyz = np.array(

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.ik import arms
 from workcell.errors import InputError
-from workcell.geometry.types import Piece, SphereCover
+from workcell.geometry.types import Piece
 from workcell.ik.problem import Budget, IKProblem
-from workcell.model.robot import serial_robot
 from workcell.motion.body import BodyClearance, Upright, pack_body
 from workcell.motion.ends import checked_end, nearest_free
 from workcell.motion.optimise import optimise
@@ -26,12 +26,7 @@ HALF, RADIUS = 0.3, 0.05
 @pytest.fixture(scope="module")
 def gantry():
     """A ball on two sliding joints, and the clearance of a square in the middle."""
-    joints = [
-        {"name": n, "xyz": [0.0] * 3, "quat": [1.0, 0, 0, 0], "axis": a, "lower": -1.5, "upper": 1.5}
-        for n, a in (("x", [1.0, 0, 0]), ("y", [0.0, 1, 0]))
-    ]
-    robot = replace(serial_robot("gantry", joints, Pose.identity()), prismatic=np.ones(2, dtype=bool))
-    cover = SphereCover(np.array([2]), np.zeros((1, 3)), np.array([RADIUS]))
+    robot, cover = arms.gantry(RADIUS)
     square = Piece("square", "box", Pose.identity(), [HALF, HALF, 1.0])
     return robot, BodyClearance(pack_body(robot, cover, (square,)), cover, (square,))
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.motion.three_joints import MOTORS, bodies
 from workcell.errors import InputError
 from workcell.model.contact import CollisionModel
 from workcell.model.scene import Scene
@@ -23,25 +24,13 @@ CELL = """
   </worldbody>
 </mujoco>
 """
-ARM = """
+ARM = f"""
 <mujoco model="arm">
   <compiler angle="radian"/>
   <worldbody>
-    <body name="upper">
-      <joint name="a" axis="0 0 1" range="-1.5 1.5" limited="true"/>
-      <geom name="upper" type="capsule" fromto="0 0 0 0.4 0 0" size="0.05"/>
-      <body name="fore" pos="0.4 0 0">
-        <joint name="b" axis="0 0 1" range="-2.6 2.6" limited="true"/>
-        <geom name="fore" type="capsule" fromto="0.08 0 0 0.4 0 0" size="0.04"/>
-        <body name="hand" pos="0.4 0 0">
-          <joint name="c" axis="0 1 0" range="-2.8 2.8" limited="true"/>
-          <geom name="hand" type="box" pos="0.1 0 0" size="0.08 0.03 0.03"/>
-          <site name="tool" pos="0.2 0 0"/>
-        </body>
-      </body>
-    </body>
+    {bodies(1.5, 2.6)}
   </worldbody>
-  <actuator><motor name="a" joint="a"/><motor name="b" joint="b"/><motor name="c" joint="c"/></actuator>
+  {MOTORS}
 </mujoco>
 """
 ROD = """

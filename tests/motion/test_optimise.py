@@ -1,15 +1,14 @@
 """Optimised paths: as short as geometry allows where that is known, never longer with more means, proved all along."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from tests.ik import arms
 from workcell.errors import InputError
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.problem import Budget, IKProblem
-from workcell.model.robot import serial_robot
 from workcell.motion.body import BodyClearance, Upright, pack_body
 from workcell.motion.judge import judge_path
 from workcell.motion.optimise import optimise, path_length
@@ -29,12 +28,7 @@ def samples(count, **options):
 @pytest.fixture(scope="module")
 def gantry():
     """A point of 5 cm in the plane: two sliding joints."""
-    joints = [
-        {"name": n, "xyz": [0.0] * 3, "quat": [1.0, 0, 0, 0], "axis": a, "lower": -1.5, "upper": 1.5}
-        for n, a in (("x", [1.0, 0, 0]), ("y", [0.0, 1, 0]))
-    ]
-    robot = replace(serial_robot("gantry", joints, Pose.identity()), prismatic=np.ones(2, dtype=bool))
-    return robot, SphereCover(np.array([2]), np.zeros((1, 3)), np.array([RADIUS]))
+    return arms.gantry(RADIUS)
 
 
 def square(x=0.0, y=0.0, half=0.3):

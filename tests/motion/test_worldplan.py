@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from tests.motion.three_joints import MOTORS, bodies
 from workcell.errors import InputError
 from workcell.model.contact import CollisionModel
 from workcell.model.scene import Scene
@@ -14,27 +15,15 @@ from workcell.motion.proof import link_motion, prove_path, trajectory_clearance
 from workcell.motion.world import PlanningWorld
 from workcell.motion.worldplan import plan_in_world
 
-CELL = """
+CELL = f"""
 <mujoco model="yard">
   <compiler angle="radian"/>
   <worldbody>
     <geom name="floor" type="plane" pos="0 0 -0.5" size="0 0 1"/>
     <geom name="post" type="cylinder" pos="0.75 0 0" size="0.06 0.5"/>
-    <body name="upper">
-      <joint name="a" axis="0 0 1" range="-2.8 2.8" limited="true"/>
-      <geom name="upper" type="capsule" fromto="0 0 0 0.4 0 0" size="0.05"/>
-      <body name="fore" pos="0.4 0 0">
-        <joint name="b" axis="0 0 1" range="-2.8 2.8" limited="true"/>
-        <geom name="fore" type="capsule" fromto="0.08 0 0 0.4 0 0" size="0.04"/>
-        <body name="hand" pos="0.4 0 0">
-          <joint name="c" axis="0 1 0" range="-2.8 2.8" limited="true"/>
-          <geom name="hand" type="box" pos="0.1 0 0" size="0.08 0.03 0.03"/>
-          <site name="tool" pos="0.2 0 0"/>
-        </body>
-      </body>
-    </body>
+    {bodies(2.8, 2.8)}
   </worldbody>
-  <actuator><motor name="a" joint="a"/><motor name="b" joint="b"/><motor name="c" joint="c"/></actuator>
+  {MOTORS}
 </mujoco>
 """
 START, GOAL = np.array([-0.7, 0.0, 0.0]), np.array([0.7, 0.0, 0.0])

@@ -20,16 +20,13 @@ from numpy.typing import NDArray
 from workcell.ik.kernels.options import RandomState, uniform
 from workcell.jit import inner, kernel
 from workcell.motion.kernels.body import Body, Room, room
-from workcell.motion.kernels.line import INTERVALS, PROVED, prove_line
-from workcell.motion.kernels.touch import free_samples
+from workcell.motion.kernels.line import INTERVALS
+from workcell.motion.kernels.straight import distance, line_is_clear
 from workcell.motion.kernels.tree import (
     EDGES,
-    FINEST,
     FULL,
     ITERATIONS,
     JOINED,
-    LOOKS,
-    MOST,
     OPEN,
     tilt_upright,
     towards,
@@ -40,8 +37,6 @@ _DRAWS = 100
 """Draws for one sample."""
 _PARENTS = 4
 """Cheaper parents that are looked for, one after the other, at most."""
-_SPACING = 0.25
-"""Radians between samples that are looked at before a line to another parent is proved."""
 
 
 class Costs(NamedTuple):
@@ -66,19 +61,11 @@ class Costs(NamedTuple):
 
 
 @inner
-def _apart(a: Array, b: Array) -> float:
-    square = 0.0
-    for k in range(a.shape[0]):
-        square += (a[k] - b[k]) ** 2
-    return math.sqrt(square)
-
-
-@inner
 def _least(trees: Costs, side: int, q: Array) -> float:
     """Distance of q (n,) from the nearest root of a tree: no branch to q is shorter."""
     least = 1e300
     for i in range(trees.roots[side]):
-        least = min(least, _apart(trees.nodes[side, i], q))
+        least = min(least, distance(trees.nodes[side, i], q))
     return least
 
 
@@ -105,7 +92,7 @@ def _add(trees: Costs, side: int, q: Array, parent: int) -> int:
     for k in range(q.shape[0]):
         trees.nodes[side, i, k] = q[k]
     trees.parents[side, i] = parent
-    trees.cost[side, i] = trees.cost[side, parent] + _apart(trees.nodes[side, parent], q)
+    trees.cost[side, i] = trees.cost[side, parent] + distance(trees.nodes[side, parent], q)
     trees.size[side] = i + 1
     return int(i)
 
@@ -116,7 +103,7 @@ def _ellipsoids(trees: Costs, bound: float, weights: Array) -> float:
     n, total = trees.nodes.shape[2], 0.0
     ball = math.pi ** (0.5 * n) / math.gamma(0.5 * n + 1.0)
     for i in range(weights.shape[0]):
-        between = _apart(trees.nodes[0, 0], trees.nodes[1, i])
+        between = distance(trees.nodes[0, 0], trees.nodes[1, i])
         width = max(bound * bound - between * between, 0.0)
         weights[i] = ball * 0.5 * bound * (0.5 * math.sqrt(width)) ** (n - 1) if between < bound else 0.0
         total += weights[i]
@@ -135,7 +122,7 @@ def _in_ellipsoid(trees: Costs, goal: int, bound: float, q: Array) -> None:
         square += q[k] * q[k]
     scale = uniform(trees.random) ** (1.0 / n) / math.sqrt(max(square, 1e-300))
     start, end = trees.nodes[0, 0], trees.nodes[1, goal]
-    between = _apart(start, end)
+    between = distance(start, end)
     across = 0.5 * math.sqrt(max(bound * bound - between * between, 0.0))
     along = 0.0
     for k in range(n):
@@ -167,9 +154,9 @@ def _draw(body: Body, trees: Costs, bound: float, weights: Array, total: float, 
             inside = inside and body.bounds[0, k] <= q[k] <= body.bounds[1, k]
         if not inside:
             continue
-        within, here = 0, _apart(trees.nodes[0, 0], q)
+        within, here = 0, distance(trees.nodes[0, 0], q)
         for i in range(weights.shape[0]):
-            within += here + _apart(trees.nodes[1, i], q) < bound
+            within += here + distance(trees.nodes[1, i], q) < bound
         # what lies in several ellipsoids is drawn more often, and kept less often
         if within == 0 or (total < box and within * uniform(trees.random) >= 1.0):
             continue
@@ -189,18 +176,10 @@ def _cheaper_parents(body: Body, trees: Costs, side: int, node: int, work: Room)
         parent = _affordable(trees, side, q, budget)
         if parent < 0 or parent == trees.parents[side, node] or parent == node:
             return
-        samples = math.ceil(_apart(trees.nodes[side, parent], q) / _SPACING)
-        free = free_samples(body, trees.nodes[side, parent], q, samples, work)
-        trees.tally[EDGES] += 1
-        trees.tally[LOOKS] += min(free + 1, samples)
-        if free < samples:
-            return
-        verdict = prove_line(body, trees.nodes[side, parent], q, 0.0, body.floor, FINEST, MOST, work)
-        trees.tally[LOOKS] += verdict.looks
-        if verdict.code != PROVED:
+        if not line_is_clear(body, trees.nodes[side, parent], q, trees.tally[EDGES:], work):
             return
         trees.parents[side, node] = parent
-        trees.cost[side, node] = trees.cost[side, parent] + _apart(trees.nodes[side, parent], q)
+        trees.cost[side, node] = trees.cost[side, parent] + distance(trees.nodes[side, parent], q)
 
 
 @inner
@@ -216,7 +195,7 @@ def _reach(
         node = _add(trees, side, q, node)
         if share < 1.0:
             return -1
-        if _apart(q, target) == 0.0:
+        if distance(q, target) == 0.0:
             return node if trees.cost[side, node] < budget else -1
     return -1
 

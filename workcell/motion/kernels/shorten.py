@@ -2,44 +2,18 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from workcell.ik.kernels.options import RandomState, uniform
 from workcell.jit import inner, kernel
 from workcell.motion.kernels.body import Body, Room, room
-from workcell.motion.kernels.line import INTERVALS, PROVED, prove_line
-from workcell.motion.kernels.touch import free_samples
-from workcell.motion.kernels.tree import FINEST, MOST
+from workcell.motion.kernels.line import INTERVALS
+from workcell.motion.kernels.straight import distance, line_is_clear
 from workcell.pose import Array
 
-_SPACING = 0.25
-"""Radians between samples that are looked at before a line is proved."""
 _WORTH = 1e-3
 """Share of its length that a shortcut must save."""
-
-
-@inner
-def _distance(a: Array, b: Array) -> float:
-    square = 0.0
-    for k in range(a.shape[0]):
-        square += (a[k] - b[k]) ** 2
-    return math.sqrt(square)
-
-
-@inner
-def _clear(body: Body, a: Array, b: Array, tally: NDArray[np.int64], work: Room) -> bool:
-    samples = math.ceil(_distance(a, b) / _SPACING)
-    free = free_samples(body, a, b, samples, work)
-    tally[0] += 1
-    tally[1] += min(free + 1, samples)
-    if free < samples:
-        return False
-    verdict = prove_line(body, a, b, 0.0, body.floor, FINEST, MOST, work)
-    tally[1] += verdict.looks
-    return verdict.code == PROVED
 
 
 @inner
@@ -58,7 +32,7 @@ def _skip_corners(body: Body, path: Array, count: int, tally: NDArray[np.int64],
     i = 0
     while i < count - 2:
         jump = count - 1 - i
-        while jump > 1 and not _clear(body, path[i], path[i + jump], tally, work):
+        while jump > 1 and not line_is_clear(body, path[i], path[i + jump], tally, work):
             jump //= 2
         if jump > 1:
             count = _cut(path, count, i, i + jump)
@@ -71,12 +45,12 @@ def _point(path: Array, count: int, along: float, q: Array) -> int:
     """The point at arc length `along`, into q (n,); the row before it."""
     row = 0
     while row < count - 2:
-        length = _distance(path[row], path[row + 1])
+        length = distance(path[row], path[row + 1])
         if along <= length:
             break
         along -= length
         row += 1
-    share = min(along / max(_distance(path[row], path[row + 1]), 1e-12), 1.0)
+    share = min(along / max(distance(path[row], path[row + 1]), 1e-12), 1.0)
     for k in range(q.shape[0]):
         q[k] = path[row, k] + share * (path[row + 1, k] - path[row, k])
     return row
@@ -96,14 +70,14 @@ def _shortcut(
     """Join two random points of the path by a line, if it is proved and shorter; the new count (the old: nothing done)."""
     total = 0.0
     for row in range(count - 1):
-        total += _distance(path[row], path[row + 1])
+        total += distance(path[row], path[row + 1])
     u, v = total * uniform(random), total * uniform(random)
     if u > v:
         u, v = v, u
     i, j = _point(path, count, u, a), _point(path, count, v, b)
     if i == j or count + 2 - (j - i) > path.shape[0]:
         return -1
-    if _distance(a, b) > (v - u) * (1.0 - _WORTH) or not _clear(body, a, b, tally, work):
+    if distance(a, b) > (v - u) * (1.0 - _WORTH) or not line_is_clear(body, a, b, tally, work):
         return -1
     # rows i + 1 ... j give way to a and b
     shift = 2 - (j - i)
@@ -130,13 +104,15 @@ def _pull(
     """
     saved = 0.0
     for row in range(1, count - 1):
-        before = _distance(path[row - 1], path[row]) + _distance(path[row], path[row + 1])
+        before = distance(path[row - 1], path[row]) + distance(path[row], path[row + 1])
         for k in range(q.shape[0]):
             q[k] = path[row, k] + share * (0.5 * (path[row - 1, k] + path[row + 1, k]) - path[row, k])
-        gain = before - _distance(path[row - 1], q) - _distance(q, path[row + 1])
+        gain = before - distance(path[row - 1], q) - distance(q, path[row + 1])
         if gain < _WORTH * before:
             continue
-        if _clear(body, path[row - 1], q, tally, work) and _clear(body, q, path[row + 1], tally, work):
+        if line_is_clear(body, path[row - 1], q, tally, work) and line_is_clear(
+            body, q, path[row + 1], tally, work
+        ):
             saved += gain
             for k in range(q.shape[0]):
                 path[row, k] = q[k]
@@ -147,11 +123,11 @@ def _pull(
 def _without_repetitions(path: Array, count: int) -> int:
     row = 1
     while row < count - 1:
-        if _distance(path[row - 1], path[row]) < 1e-9:
+        if distance(path[row - 1], path[row]) < 1e-9:
             count = _cut(path, count, row - 1, row + 1)
         else:
             row += 1
-    if count > 2 and _distance(path[count - 2], path[count - 1]) < 1e-9:
+    if count > 2 and distance(path[count - 2], path[count - 1]) < 1e-9:
         count = _cut(path, count, count - 3, count - 1)
     return count
 

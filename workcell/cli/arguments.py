@@ -59,3 +59,17 @@ def seed_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=values.count, default=0, metavar="N", help="same seed, same answer (default: 0)"
     )
+
+
+def jobs_option(parser: argparse.ArgumentParser) -> None:
+    """`--jobs`."""
+    parser.add_argument(
+        "--jobs", type=values.positive_int, default=1, metavar="N", help="processes (default: 1)"
+    )
+
+
+def budget_option(parser: argparse.ArgumentParser) -> None:
+    """`--budget-s`."""
+    parser.add_argument(
+        "--budget-s", type=values.seconds, default=5.0, metavar="S", help="CPU seconds a problem (default: 5)"
+    )

@@ -6,7 +6,15 @@ import argparse
 import re
 
 from workcell.cli import values
-from workcell.cli.arguments import Commands, command, json_option, late, seed_option
+from workcell.cli.arguments import (
+    Commands,
+    budget_option,
+    command,
+    jobs_option,
+    json_option,
+    late,
+    seed_option,
+)
 
 
 def add_solving(commands: Commands) -> None:
@@ -67,9 +75,7 @@ def _add_solve(commands: Commands) -> None:
     )
     solve.add_argument("set", metavar="SET.json", help="a problem set (format workcell-ikset/1)")
     _solver_options(solve)
-    solve.add_argument(
-        "--jobs", type=values.positive_int, default=1, metavar="N", help="processes (default: 1)"
-    )
+    jobs_option(solve)
     solve.add_argument(
         "--out",
         type=values.file_name,
@@ -88,9 +94,7 @@ def _add_plan(commands: Commands) -> None:
         late("planning", "plan"),
     )
     plan.add_argument("set", metavar="SET.json", help="a problem set whose problems have a start")
-    plan.add_argument(
-        "--budget-s", type=values.seconds, default=5.0, metavar="S", help="CPU seconds a problem (default: 5)"
-    )
+    budget_option(plan)
     plan.add_argument(
         "--optimise-s",
         type=values.seconds,
@@ -105,9 +109,7 @@ def _add_plan(commands: Commands) -> None:
         metavar="N",
         help="samples to draw for that, at most; without --optimise-s they alone count, and a seed gives one path",
     )
-    plan.add_argument(
-        "--jobs", type=values.positive_int, default=1, metavar="N", help="processes (default: 1)"
-    )
+    jobs_option(plan)
     plan.add_argument(
         "--out",
         type=values.file_name,
@@ -151,9 +153,7 @@ def add_bench(commands: Commands) -> None:
     bench.add_argument(
         "--seeds", type=values.positive_int, default=1, metavar="N", help="run N seeds and report the worst"
     )
-    bench.add_argument(
-        "--jobs", type=values.positive_int, default=1, metavar="N", help="processes (default 1)"
-    )
+    jobs_option(bench)
     bench.add_argument("--out", type=values.file_name, metavar="FILE", help="write the rows as JSON")
     seed_option(bench)
     json_option(bench)
@@ -166,7 +166,5 @@ def _solver_options(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="auto, hjcd, branch, multistart, ikspark, ikspark+lm, cidgik, cidgik+lm (default: auto)",
     )
-    parser.add_argument(
-        "--budget-s", type=values.seconds, default=5.0, metavar="S", help="CPU seconds a problem (default: 5)"
-    )
+    budget_option(parser)
     seed_option(parser)

@@ -15,7 +15,7 @@ from workcell.ik.cidgik_rank import Blocks, Iterate, Relaxed, converge
 from workcell.ik.cidgik_recover import joint_angles
 from workcell.ik.cidgik_skeleton import Skeleton
 from workcell.ik.cidgik_workspace import Keeper
-from workcell.ik.stages import NO_GAP, StageLog
+from workcell.ik.stages import StageLog
 from workcell.pose import Array
 
 MAX_POLISH = 1e-2
@@ -183,11 +183,8 @@ class Search:
 
     def _tell(self, step: int, iterate: Iterate) -> None:
         """Log a solve of a convex iteration."""
-        note = f"restart {self.restarts}"
-        if iterate.Z is None:
-            note += ": no point" if iterate.ray is None else ": the set is empty"
-        gap = NO_GAP if iterate.Z is None else iterate.gap
-        self.stages.add("rank reduction" if step else "relaxation", gap=gap, note=note)
+        gap = None if iterate.Z is None else iterate.gap
+        self.stages.add_point(step, gap, iterate.ray is not None, f"restart {self.restarts}")
 
     def _accepted(self, finished: Finished) -> Array | None:
         verdict = "accepted" if finished.refusal is None else finished.refusal

@@ -31,7 +31,7 @@ from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.rank import ConvexSet, Iterate, ascend
 from workcell.ik.relaxation import Interval
 from workcell.ik.result import Candidate
-from workcell.ik.stages import NO_GAP, StageLog
+from workcell.ik.stages import StageLog
 from workcell.ik.verify import Verifier
 from workcell.pose import Array
 
@@ -188,10 +188,8 @@ class Search:
     def _tell(self, step: int, iterate: Iterate) -> None:
         """Log a solve of an ascent."""
         note = f"restart {self.stats['restarts']:.0f}{', in cuboids' if self._in_cuboids else ''}"
-        if iterate.x is None:
-            note += ": no point" if iterate.ray is None else ": the set is empty"
-        gap = NO_GAP if iterate.x is None else iterate.gap
-        self.stages.add("rank reduction" if step else "relaxation", gap=gap, note=note)
+        gap = None if iterate.x is None else iterate.gap
+        self.stages.add_point(step, gap, iterate.ray is not None, note)
 
     def _cuboids(self, instance: Instance) -> CuboidSet | None:
         """The set with every sphere in a free-space cuboid; None without cuboids, or once it is known to be empty.

@@ -73,6 +73,17 @@ class StageLog:
         self._append(SolverStage(name, now - self._since, gap, note, numbers or {}, solver))
         self._since = now
 
+    def add_point(self, step: int, gap: float | None, empty: bool, note: str) -> None:
+        """A cone program of a series that drives the rank down: the `step`-th of its restart.
+
+        Args:
+            gap: rank residual of the point that it found; None: it found none.
+            empty: whether a ray shows that there is none.
+        """
+        if gap is None:
+            note += ": the set is empty" if empty else ": no point"
+        self.add("rank reduction" if step else "relaxation", gap=NO_GAP if gap is None else gap, note=note)
+
     def extend(self, stages: tuple[SolverStage, ...], solver: str, cpu_s: float) -> None:
         """Stages that a solver has timed itself, and before them what it took besides of `cpu_s`; the clock goes on from now."""
         besides = cpu_s - sum(stage.cpu_s for stage in stages)

@@ -91,7 +91,7 @@ def run_task(
     recording = Recording(recording_path, task=name, seed=seed)
     job = Job(scene, planner, controller, seed, recording, say, summary, began)
     compiled_before = compiling_seconds()
-    announce_compiling(lambda: say("compiling kernels: once on this machine, up to a minute"))
+    announce_compiling(lambda: say("compiling kernels: once on this machine, a minute or two"))
     try:
         with recording, recording.queries("task script"):
             recording.log_scene(scene)

@@ -10,7 +10,7 @@ import sys
 
 def branch() -> None:
     """The solver and the checker of branch and bound."""
-    from workcell.ik.branch import prepare_kernels
+    from workcell.ik.branch.solver import prepare_kernels
 
     prepare_kernels()
 
@@ -19,9 +19,11 @@ def sampling() -> None:
     """Clearances, sampling with and without obstacles, tracking and planning."""
     from tests.ik.arms import beads, box, planar
     from workcell.geometry.engine import ClearanceEngine
-    from workcell.ik import hjcdik, screen
+    from workcell.ik.elementary import screen
+    from workcell.ik.hjcd import solver as hjcdik
     from workcell.ik.problem import IKProblem
-    from workcell.motion import local, optimise
+    from workcell.motion.plans import optimise
+    from workcell.motion.tool_paths import tracker as local
 
     arm = planar()
     target, wall = arm.fk(arm.home), box("wall", (2.0, 0.0, 0.0), (0.1, 0.1, 0.1))

@@ -26,7 +26,9 @@ def test_building_the_command_line_loads_no_heavy_library():
 
 
 def test_planning_layers_do_not_load_rerun():
-    assert "rerun" not in loaded_by("import workcell.motion.world, workcell.motion.follow, workcell.ik.solve")
+    assert "rerun" not in loaded_by(
+        "import workcell.world.planning_world, workcell.motion.tool_paths.follow, workcell.ik.solve"
+    )
 
 
 @pytest.mark.parametrize("name", workcell.__all__)

@@ -11,17 +11,17 @@ _PACKAGE = Path(workcell.__file__).parent
 
 
 def test_a_kernel_depends_on_every_module_that_it_calls_into():
-    named = {name for name, _, _ in jit._stamp(_PACKAGE / "geometry/kernels/robot.py")}
-    assert {"kernels/robot.py", "kernels/shapes.py", "kernels/distance.py", "kernels/chain.py"} <= named
+    named = {name for name, _, _ in jit._stamp(_PACKAGE / "kernels/sphere_gaps.py")}
+    assert {"kernels/sphere_gaps.py", "kernels/shapes.py", "kernels/distance.py", "kernels/chain.py"} <= named
     assert "workcell/jit.py" in named
     assert "ik/solve.py" not in named
 
 
 def test_the_disk_cache_carries_that_stamp():
-    from workcell.geometry.kernels import robot
+    from workcell.kernels import sphere_gaps
 
-    file = robot.smallest_gaps._cache._cache_file
-    assert file._source_stamp == jit._stamp(_PACKAGE / "geometry/kernels/robot.py")
+    file = sphere_gaps.smallest_gaps._cache._cache_file
+    assert file._source_stamp == jit._stamp(_PACKAGE / "kernels/sphere_gaps.py")
 
 
 def test_the_clock_counts_compiling_and_says_so_once():

@@ -60,7 +60,9 @@ def run(installed: Path, cwd: Path, *arguments: str) -> subprocess.CompletedProc
 
 
 def test_the_installed_package_is_the_one_that_runs(installed, tmp_path):
-    code = "import workcell, workcell.model.data as d; print(workcell.__file__); print(d.data_root())"
+    code = (
+        "import workcell, workcell.model.loading.assets as d; print(workcell.__file__); print(d.data_root())"
+    )
     found = subprocess.run(
         [sys.executable, "-c", code],
         cwd=tmp_path,

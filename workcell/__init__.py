@@ -13,24 +13,22 @@ if TYPE_CHECKING:
     from workcell.geometry.engine import ClearanceEngine
     from workcell.geometry.self_collision import self_collision_pairs
     from workcell.geometry.types import FreeSpace, Piece, SphereCover
-    from workcell.ik.diverse import solutions
-    from workcell.ik.hjcd_batch import solve_batch
+    from workcell.ik.diverse.solutions import solutions
+    from workcell.ik.explain.why_not import explain
+    from workcell.ik.hjcd.batch import solve_batch
+    from workcell.ik.judge.verify import verify
     from workcell.ik.problem import Budget, IKProblem, Tolerances
     from workcell.ik.result import IKResult, Status
     from workcell.ik.solve import solve
-    from workcell.ik.verify import verify
-    from workcell.ik.why_not import explain
-    from workcell.job import Job
     from workcell.model.grip import actuated
-    from workcell.model.load import load_robot
+    from workcell.model.loading.load import load_robot
     from workcell.model.robot import Robot
     from workcell.model.scene import Scene
-    from workcell.motion.follow import FollowLimits, follow
     from workcell.motion.path import Path, Trajectory
-    from workcell.motion.retime import retime
-    from workcell.motion.route import route
-    from workcell.motion.team import Team
-    from workcell.motion.toolpath import (
+    from workcell.motion.teams.team import Team
+    from workcell.motion.timing.retime import retime
+    from workcell.motion.tool_paths.follow import FollowLimits, follow
+    from workcell.motion.tool_paths.poses import (
         FREE,
         PathTolerance,
         arc,
@@ -41,13 +39,15 @@ if TYPE_CHECKING:
         through,
         turned,
     )
-    from workcell.motion.world import PlanningWorld
+    from workcell.motion.tool_paths.route import route
     from workcell.pose import Pose
-    from workcell.record.recording import Recording
-    from workcell.record.review import review
-    from workcell.run import run_task
+    from workcell.record.read.review import review
+    from workcell.record.write.recording import Recording
     from workcell.simulate.carried import carried
     from workcell.simulate.simulation import Simulation
+    from workcell.task.job import Job
+    from workcell.task.run import run_task
+    from workcell.world.planning_world import PlanningWorld
 
 _HOMES = {
     "WorkcellError": "errors",
@@ -56,42 +56,42 @@ _HOMES = {
     "FreeSpace": "geometry.types",
     "Piece": "geometry.types",
     "SphereCover": "geometry.types",
-    "solutions": "ik.diverse",
-    "solve_batch": "ik.hjcd_batch",
+    "solutions": "ik.diverse.solutions",
+    "solve_batch": "ik.hjcd.batch",
     "Budget": "ik.problem",
     "IKProblem": "ik.problem",
     "Tolerances": "ik.problem",
     "IKResult": "ik.result",
     "Status": "ik.result",
     "solve": "ik.solve",
-    "verify": "ik.verify",
-    "explain": "ik.why_not",
-    "Job": "job",
-    "run_task": "run",
+    "verify": "ik.judge.verify",
+    "explain": "ik.explain.why_not",
+    "Job": "task.job",
+    "run_task": "task.run",
     "actuated": "model.grip",
-    "load_robot": "model.load",
+    "load_robot": "model.loading.load",
     "Robot": "model.robot",
     "Scene": "model.scene",
-    "FollowLimits": "motion.follow",
-    "follow": "motion.follow",
+    "FollowLimits": "motion.tool_paths.follow",
+    "follow": "motion.tool_paths.follow",
     "Path": "motion.path",
     "Trajectory": "motion.path",
-    "retime": "motion.retime",
-    "route": "motion.route",
-    "Team": "motion.team",
-    "FREE": "motion.toolpath",
-    "PathTolerance": "motion.toolpath",
-    "arc": "motion.toolpath",
-    "circle": "motion.toolpath",
-    "distance_to_path": "motion.toolpath",
-    "line": "motion.toolpath",
-    "polyline": "motion.toolpath",
-    "through": "motion.toolpath",
-    "turned": "motion.toolpath",
-    "PlanningWorld": "motion.world",
+    "retime": "motion.timing.retime",
+    "route": "motion.tool_paths.route",
+    "Team": "motion.teams.team",
+    "FREE": "motion.tool_paths.poses",
+    "PathTolerance": "motion.tool_paths.poses",
+    "arc": "motion.tool_paths.poses",
+    "circle": "motion.tool_paths.poses",
+    "distance_to_path": "motion.tool_paths.poses",
+    "line": "motion.tool_paths.poses",
+    "polyline": "motion.tool_paths.poses",
+    "through": "motion.tool_paths.poses",
+    "turned": "motion.tool_paths.poses",
+    "PlanningWorld": "world.planning_world",
     "Pose": "pose",
-    "Recording": "record.recording",
-    "review": "record.review",
+    "Recording": "record.write.recording",
+    "review": "record.read.review",
     "carried": "simulate.carried",
     "Simulation": "simulate.simulation",
 }

@@ -226,7 +226,7 @@ def test_no_output_takes_the_place_of_what_is_read_or_of_a_device(
     from pathlib import Path
 
     monkeypatch.chdir(tmp_path)
-    shutil.copy(Path(__file__).parents[1] / "data" / "planar_free.json", "set.json")
+    shutil.copy(Path(__file__).parents[1] / "sets" / "files" / "planar_free.json", "set.json")
     Path("folder").mkdir()
     os.mkfifo("pipe")
     before = Path("set.json").read_bytes()

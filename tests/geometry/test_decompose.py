@@ -60,7 +60,7 @@ def test_json_is_in_the_world_and_covers_robot_and_obstacles(decomposition):
 
 def test_picture_is_written(decomposition, tmp_path):
     from workcell.errors import OutputError
-    from workcell.record.decompose_picture import draw_decomposition
+    from workcell.record.show.decomposition import draw_decomposition
 
     draw_decomposition(decomposition, tmp_path / "cell.png")
     assert (tmp_path / "cell.png").read_bytes()[:4] == b"\x89PNG"

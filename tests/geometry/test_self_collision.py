@@ -88,8 +88,8 @@ def test_proved_pairs_never_touch(seed, sliding):
 def test_what_touches_in_mujoco_touches_among_the_spheres():
     import mujoco
 
-    from workcell.geometry.spheres import robot_cover
-    from workcell.model.contact import CollisionModel
+    from workcell.geometry.covers.outer import robot_cover
+    from workcell.model.collision_model import CollisionModel
     from workcell.model.scene import Scene
 
     scene = Scene.load("shelf", robot="ur10")

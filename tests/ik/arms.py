@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from workcell.geometry.types import Piece, SphereCover
-from workcell.ik.exact import ExactDistances, ExactKinematics, smallest_clearance
+from workcell.ik.judge.exact import ExactDistances, ExactKinematics, smallest_clearance
 from workcell.ik.problem import IKProblem
 from workcell.model.robot import Robot, Tool
 from workcell.pose import Pose, axis_angle_to_matrix

@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from workcell.ik.ikspark.rank import RANK_GAP
+from workcell.ik.judge.verify import verify
 from workcell.ik.problem import Budget, IKProblem
-from workcell.ik.rank import RANK_GAP
 from workcell.ik.result import Candidate
-from workcell.ik.verify import verify
 
 MOST_MOVED = 1e-2
 """Radians that a polish may move a joint by where the convex method stands alone."""

@@ -9,12 +9,12 @@ import pytest
 
 from tests.ik.arms import beads, box, planar, random_arm, seven
 from workcell.errors import InputError, ModelError, WorkcellError
-from workcell.ik.diverse import solutions
-from workcell.ik.hjcd_batch import polish_seeds, solve_batch, solve_two_phase
+from workcell.ik.diverse.solutions import solutions
+from workcell.ik.hjcd.batch import polish_seeds, solve_batch, solve_two_phase
+from workcell.ik.judge.verify import verify
 from workcell.ik.problem import Budget, IKProblem, Tolerances
 from workcell.ik.result import Status
 from workcell.ik.solve import solve
-from workcell.ik.verify import verify
 from workcell.pose import Pose
 
 WHERE = [0.4, 0.7, 0.3, -1.1, 0.2, 0.8, 0.1]

@@ -13,10 +13,12 @@ from tests.ik.lifted_arms import parallel_elbow, scara, seven_axis, skew_arm
 from workcell.errors import InputError
 from workcell.geometry.types import FreeSpace
 from workcell.ik.certificate import Certificate, problem_hash
-from workcell.ik.farkas import certify_kinematics, check_farkas
-from workcell.ik.ikspark import solve_ikspark
-from workcell.ik.ikspark_cuboids import CuboidSet, certify_model, meeting_pairs, reachable_pairs, sphere_maps
-from workcell.ik.instance import instance_of, relaxation_of
+from workcell.ik.ikspark.check import check_farkas
+from workcell.ik.ikspark.cuboid_proof import certify_model
+from workcell.ik.ikspark.cuboids import CuboidSet, meeting_pairs, reachable_pairs, sphere_maps
+from workcell.ik.ikspark.instance import instance_of, relaxation_of
+from workcell.ik.ikspark.rays import certify_kinematics
+from workcell.ik.ikspark.solver import solve_ikspark
 from workcell.ik.problem import Budget, IKProblem, Tolerances
 from workcell.model.robot import Robot
 from workcell.pose import Pose, axis_angle_to_matrix
@@ -79,9 +81,9 @@ def test_the_claim_holds_for_every_target_within_the_tolerance() -> None:
     problem = replace(far(robot, away=1.2), tolerances=Tolerances(position=5e-3, rotation=5e-2))
     certificate = proof(problem)
     relaxation = relaxation_of(problem)
-    from workcell.ik.farkas import ray_value
-    from workcell.ik.lift import goal_vector
-    from workcell.ik.relaxation import Interval
+    from workcell.ik.ikspark.lift import goal_vector
+    from workcell.ik.ikspark.rays import ray_value
+    from workcell.ik.shared.limits import Interval
 
     tensor = relaxation.tensor(Interval.of(problem), problem)
     rng = np.random.default_rng(0)

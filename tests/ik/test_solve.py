@@ -10,12 +10,12 @@ from workcell.errors import InputError, NotSolvedError, UnknownNameError
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik import solve as module
 from workcell.ik.certificate import Certificate, problem_hash
-from workcell.ik.elementary import prove_impossible
-from workcell.ik.multistart import solve_multistart
+from workcell.ik.elementary.bounds import prove_impossible
+from workcell.ik.judge.verify import verify
+from workcell.ik.multistart.solver import solve_multistart
 from workcell.ik.problem import Budget, Clearance, IKProblem
 from workcell.ik.result import Candidate, Status
 from workcell.ik.solve import check_solver_name, solve, solver_names
-from workcell.ik.verify import verify
 from workcell.pose import Pose
 
 

@@ -7,17 +7,18 @@ import pytest
 
 from tests.ik.arms import beads
 from tests.ik.lifted_arms import seven_axis
-from workcell.geometry.cuboids import holds_spheres
+from workcell.geometry.free_space.cuboids import holds_spheres
 from workcell.geometry.types import FreeSpace
-from workcell.ik.ikspark_cuboids import CuboidSet, reachable_pairs, sphere_maps
-from workcell.ik.instance import instance_of
-from workcell.ik.lift import goal_vector
+from workcell.ik.ikspark.cuboids import CuboidSet, reachable_pairs, sphere_maps
+from workcell.ik.ikspark.instance import instance_of
+from workcell.ik.ikspark.lift import goal_vector
+from workcell.ik.ikspark.rank import ascend
+from workcell.ik.observing import observed
 from workcell.ik.problem import Budget, IKProblem
-from workcell.ik.rank import ascend
 from workcell.ik.result import IKResult
 from workcell.ik.solve import solve
-from workcell.ik.stages import KEPT, StageLog, observed
-from workcell.model.load import load_robot
+from workcell.ik.stages import KEPT, StageLog
+from workcell.model.loading.load import load_robot
 from workcell.pose import Pose
 
 

@@ -7,7 +7,7 @@ import pytest
 from workcell.errors import InputError, UnknownNameError
 from workcell.model.grip import actuated
 from workcell.model.scene import Scene
-from workcell.motion.world import PlanningWorld
+from workcell.world.planning_world import PlanningWorld
 
 JAWS = ("jaw_1", "jaw_2", "jaw_3")
 

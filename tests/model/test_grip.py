@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from workcell.errors import InputError, ModelError
-from workcell.model.contact import CollisionModel
+from workcell.model.collision_model import CollisionModel
 from workcell.model.grip import fingers_at, fingers_holding, hand_clearance
 from workcell.model.scene import Scene
-from workcell.motion.hand_cover import cover_with_fingers
-from workcell.motion.world import PlanningWorld
 from workcell.pose import Pose
+from workcell.world.hand_cover import cover_with_fingers
+from workcell.world.planning_world import PlanningWorld
 
 
 @pytest.fixture(scope="module")

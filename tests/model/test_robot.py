@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from workcell.errors import InputError, ModelError, UnknownNameError
-from workcell.model.load import load_robot
+from workcell.model.loading.load import load_robot
 from workcell.pose import rotation_vector
 
 ARM = """

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from workcell.errors import ModelError, UnknownNameError, WorkcellError
-from workcell.model.contact import CollisionModel
+from workcell.model.collision_model import CollisionModel
 from workcell.model.scene import Scene
 from workcell.pose import Pose
 

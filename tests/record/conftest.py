@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from workcell.record.recording import Recording
+from workcell.record.write.recording import Recording
 
 TOY = """
 <mujoco>

@@ -5,7 +5,7 @@ import pytest
 
 from tests.simulate.test_simulation import quintic, towards_the_pillar
 from workcell.errors import InputError, UnknownNameError
-from workcell.model.build import robot_scene
+from workcell.model.scene import robot_scene
 from workcell.simulate.arm_model import ArmModel
 from workcell.simulate.controller import CONTROLLERS, PositionServo
 from workcell.simulate.execution import StopReason

@@ -8,11 +8,10 @@ import pytest
 from tests.motion.local_solver import solve_locally
 from workcell.errors import InputError, ModelError, UnknownNameError, WorkcellError
 from workcell.ik.problem import IKProblem
-from workcell.model.build import robot_scene
-from workcell.model.scene import Scene
-from workcell.motion.follow import follow, line
+from workcell.model.scene import Scene, robot_scene
 from workcell.motion.path import Path, Trajectory, stationary
-from workcell.motion.retime import retime
+from workcell.motion.timing.retime import retime
+from workcell.motion.tool_paths.follow import follow, line
 from workcell.pose import Pose
 from workcell.simulate.execution import StopReason
 from workcell.simulate.simulation import Settings, Simulation
@@ -110,7 +109,7 @@ def test_chunks_add_up_to_the_result(picking):
 def test_the_payload_is_in_the_torque(scene, picking):
     """At rest the shoulder holds the brick: 0.3 kg times its lever about the joint, in closed form."""
     sim, _, _, _ = picking
-    from workcell.motion.dynamics import ChainDynamics
+    from workcell.motion.timing.torques import ChainDynamics
 
     q = sim.q_reference
     still = stationary("sawyer", q, 0.004)

@@ -5,13 +5,13 @@ import pytest
 
 from tests.simulate.test_simulation import quintic
 from workcell.errors import InputError, UnknownNameError
-from workcell.model.data import find_task
+from workcell.model.loading.assets import find_task
 from workcell.model.scene import Scene
 from workcell.pose import Pose
-from workcell.run import run_task
 from workcell.simulate.execution import StopReason
 from workcell.simulate.shared_load import internal_force, weld_force
 from workcell.simulate.simulation import Simulation
+from workcell.task.run import run_task
 
 
 @pytest.fixture(scope="module")

@@ -3,56 +3,29 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from workcell.bench.problems import ProblemSet
-from workcell.bench.reports import cpu_columns
-from workcell.bench.runner import problem_seed
+from workcell.bench.rows import Bench, Row
 from workcell.errors import InputError, UnknownNameError
-from workcell.ik.problem import Budget
-from workcell.ik.result import IKResult, Status
-from workcell.ik.solve import solve
-
-Row = dict[str, Any]
-BenchFunction = Callable[..., list[Row]]
-"""Takes n problems a row, the seed and the folder of problem sets; returns rows as `row_of` makes them. One that `repeats`
-also takes the numbers of seeds and of processes."""
 
 _PROVIDERS = (
-    "workcell.bench.sets",
-    "workcell.bench.ikspark",
-    "workcell.bench.cidgik",
-    "workcell.bench.cidgik_scaling",
-    "workcell.bench.cidgik_supplement",
-    "workcell.bench.hjcd",
-    "workcell.bench.hjcd_mmd",
-    "workcell.bench.branch",
-    "workcell.bench.plan",
-    "workcell.bench.plan_optimal",
-    "workcell.bench.retime",
-    "workcell.bench.tasks",
-    "workcell.bench.follow",
-    "workcell.bench.clearance",
-    "workcell.bench.covers",
-    "workcell.bench.free_space",
+    "workcell.bench.ik.sets",
+    "workcell.bench.ik.ikspark",
+    "workcell.bench.ik.cidgik",
+    "workcell.bench.ik.cidgik_scaling",
+    "workcell.bench.ik.cidgik_supplement",
+    "workcell.bench.ik.hjcd",
+    "workcell.bench.ik.hjcd_mmd",
+    "workcell.bench.ik.branch",
+    "workcell.bench.motion.plans",
+    "workcell.bench.motion.plans_optimal",
+    "workcell.bench.motion.timing",
+    "workcell.bench.runs.tasks",
+    "workcell.bench.motion.tool_paths",
+    "workcell.bench.geometry.clearance",
+    "workcell.bench.geometry.covers",
+    "workcell.bench.geometry.free_space",
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Bench:
-    """A bench: its name, its own number of problems a row, what it measures, the function that does, and whether that can
-    run several seeds, and in several processes."""
-
-    name: str
-    n: int
-    description: str
-    run: BenchFunction
-    repeats: bool = False
 
 
 def list_benches() -> tuple[Bench, ...]:
@@ -108,43 +81,3 @@ def run_bench(
         able = ", ".join(entry.name for entry in benches.values() if entry.repeats)
         raise InputError(f"{name} runs once, in one process", where="bench", remedy=f"several: {able}")
     return {"bench": name, "n": count, "seed": seed, "rows": rows}
-
-
-def row_of(
-    name: str,
-    results: Sequence[IKResult],
-    *,
-    paper: float | None = None,
-    extra: Mapping[str, Any] | None = None,
-) -> Row:
-    """One row of a bench.
-
-    `success` counts problems that ended SOLVED at our tolerances (1e-4 m, 1e-3 rad, no penetration); what passes them
-    passes the papers' looser ones (1e-2 m, 1e-2 rad), and nothing that fails them is kept. `decided` counts proofs as well.
-
-    Args:
-        name: `<robot>/<environment>/<method>`.
-        results: of the row's problems.
-        paper: the published success rate, where there is one.
-        extra: more columns.
-    """
-    solved = np.array([result.solved for result in results])
-    proved = np.array([result.status.is_proof for result in results])
-    return {
-        "row": name,
-        "n": len(results),
-        "success": float(solved.mean()),
-        "success_paper_tolerance": float(solved.mean()),
-        "decided": float((solved | proved).mean()),
-        "errors": sum(result.status is Status.SOLVER_ERROR for result in results),
-        **cpu_columns([float(result.stats["cpu_s"]) for result in results]),
-        "paper": paper,
-        **(extra or {}),
-    }
-
-
-def solve_all(problem_set: ProblemSet, solver: str, budget: Budget, seed: int, n: int) -> list[IKResult]:
-    """Results of the first `n` problems of a set, after one unmeasured problem that loads what is loaded lazily."""
-    named = problem_set.problems[:n]
-    solve(named[0].problem, solver, Budget(min(budget.cpu_s, 0.2)), seed)
-    return [solve(item.problem, solver, budget, problem_seed(seed, item.id)) for item in named]

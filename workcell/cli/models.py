@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def robots(options: argparse.Namespace) -> int:
     """Table of the robots that travel with workcell."""
-    from workcell.model.data import list_assets
+    from workcell.model.loading.assets import list_assets
 
     rows = [_row(name) for name in list_assets("robots")]
     if options.json:
@@ -32,10 +32,10 @@ def robots(options: argparse.Namespace) -> int:
 
 
 def _row(name: str) -> dict[str, Any]:
-    from workcell.geometry.spheres import model_cover
-    from workcell.model.compiled import is_gripper, robot_from_model
-    from workcell.model.data import find_asset
-    from workcell.model.load import compile_spec, load_spec
+    from workcell.geometry.covers.outer import model_cover
+    from workcell.model.loading.assets import find_asset
+    from workcell.model.loading.compiled import is_gripper, robot_from_model
+    from workcell.model.loading.load import compile_spec, load_spec
 
     path = find_asset("robots", name)
     model = compile_spec(load_spec(path), path)
@@ -81,7 +81,7 @@ def check(options: argparse.Namespace) -> int:
 
 
 def _check_problem_set(path: str) -> dict[str, Any]:
-    from workcell.bench.problems import load_problem_set
+    from workcell.sets.problems import load_problem_set
 
     problem_set = load_problem_set(Path(path))
     lines = [
@@ -92,7 +92,7 @@ def _check_problem_set(path: str) -> dict[str, Any]:
 
 
 def _check_model(name: str) -> dict[str, Any]:
-    from workcell.model.data import list_assets
+    from workcell.model.loading.assets import list_assets
 
     bare_robot = name in list_assets("robots")
     if not bare_robot:
@@ -108,9 +108,9 @@ def _check_model(name: str) -> dict[str, Any]:
 
 
 def _check_robot(name: str) -> dict[str, Any]:
-    from workcell.model.compiled import is_gripper, robot_from_model
-    from workcell.model.data import find_asset
-    from workcell.model.load import compile_spec, load_spec
+    from workcell.model.loading.assets import find_asset
+    from workcell.model.loading.compiled import is_gripper, robot_from_model
+    from workcell.model.loading.load import compile_spec, load_spec
 
     path = find_asset("robots", name)
     model = compile_spec(load_spec(path), path)
@@ -167,7 +167,7 @@ def _check_scene(name: str) -> dict[str, Any]:
 def _scene_problems(scene: Scene) -> list[str]:
     import mujoco
 
-    from workcell.model.compiled import is_gripper
+    from workcell.model.loading.compiled import is_gripper
     from workcell.model.overlap import start_overlap
 
     problems = []
@@ -194,9 +194,9 @@ def _numbers(values: Any) -> str:
 
 def decompose(options: argparse.Namespace) -> int:
     """Sphere covers and free-space cuboids of a cell, with their quality."""
+    from workcell.files import write_json_atomic
     from workcell.geometry.decompose import decompose as run
     from workcell.model.scene import Scene
-    from workcell.record.summary import write_json_atomic
 
     scene, name = Scene.load(options.cell), options.robot
     if name is not None and name not in scene.robots:
@@ -208,15 +208,15 @@ def decompose(options: argparse.Namespace) -> int:
     if options.out:
         write_json_atomic(Path(options.out), document)
     if options.png:
-        from workcell.record.decompose_picture import draw_decomposition
+        from workcell.record.show.decomposition import draw_decomposition
 
         draw_decomposition(result, Path(options.png))
     if options.rrd:
-        from workcell.record.decompose_recording import record_decomposition
+        from workcell.record.write.decomposition import record_decomposition
 
         record_decomposition(result, scene, Path(options.rrd))
     if options.table:
-        from workcell.geometry.admissible import save_table
+        from workcell.geometry.free_space.admissible import save_table
 
         save_table(options.table, result.robot, result.robot_cover, result.free_space)
     if options.json:

@@ -20,7 +20,7 @@ _PIPE_WIDTH = 1000
 
 def print_json(value: object) -> None:
     """One JSON document on standard output; numpy values become plain ones, NaN becomes null."""
-    from workcell.record.summary import plain
+    from workcell.files import plain
 
     print(json.dumps(plain(value), indent=2))
 
@@ -31,7 +31,7 @@ def check_outputs(outputs: Iterable[str | Path | None], inputs: Iterable[str | P
     Raises:
         OutputError: a file can't be written there; InputError: it would overwrite what is read, or another one.
     """
-    from workcell.record.summary import check_writable
+    from workcell.files import check_writable
 
     taken = [Path(name).resolve() for name in inputs if name and Path(name).is_file()]
     for path in [Path(name) for name in outputs if name]:

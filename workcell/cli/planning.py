@@ -5,17 +5,17 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from workcell.ahead import SAMPLING, compile_ahead
 from workcell.cli import exit_codes
 from workcell.cli.output import check_outputs, print_json, print_table, progress_bar
+from workcell.compile_ahead import SAMPLING, compile_ahead
 
 
 def plan(options: argparse.Namespace) -> int:
     """A whole problem set; exit 0 when every problem was processed."""
-    from workcell.bench.planner import plan_set
-    from workcell.bench.problems import load_problem_set
     from workcell.ik.problem import Budget
-    from workcell.motion.search import Effort
+    from workcell.motion.plans.compiled import Effort
+    from workcell.sets.planning import plan_set
+    from workcell.sets.problems import load_problem_set
 
     compile_ahead(SAMPLING)
     problem_set = load_problem_set(Path(options.set))

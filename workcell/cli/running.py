@@ -10,12 +10,12 @@ from workcell.cli import exit_codes
 from workcell.cli.output import check_outputs, console, print_json, print_table
 
 if TYPE_CHECKING:
-    from workcell.record.review import Review
+    from workcell.record.read.review import Review
 
 
 def run(options: argparse.Namespace) -> int:
     """Run a task; the story goes to standard output, or one JSON object with --json."""
-    from workcell.run import run_task
+    from workcell.task.run import run_task
 
     def silent(_: str) -> None:
         return
@@ -54,7 +54,8 @@ def _say(text: str) -> None:
 
 def review(options: argparse.Namespace) -> int:
     """Verdict, metrics and pictures of a recording, or what differs between two."""
-    from workcell.record.review import review as read
+    from workcell.record.read.review import review as read
+    from workcell.record.show.terminal import review_table
 
     wanted = 2 if options.compare else 1
     if len(options.file) != wanted:
@@ -70,23 +71,23 @@ def review(options: argparse.Namespace) -> int:
     if options.json:
         print_json({**result.to_json(), "pictures": [str(path) for path in written]})
     else:
-        console().print(result.table())
+        console().print(review_table(result))
         for path in written:
             print(f"wrote {path}")
     return exit_codes.DONE if result.achieved else exit_codes.NOT_ACHIEVED
 
 
 def _write_review(result: Review, options: argparse.Namespace) -> list[Path]:
-    from workcell.record.page import write_page
-    from workcell.record.pictures import write_pictures
+    from workcell.record.show.page import write_page
+    from workcell.record.show.pictures import write_pictures
 
     written = write_pictures(result, Path(options.png)) if options.png else []
     return [*written, write_page(result, options.html)] if options.html else written
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from workcell.record.compare import compare
-    from workcell.record.review import review as read
+    from workcell.record.read.compare import compare
+    from workcell.record.read.review import review as read
 
     if options.png or options.html:
         options.parser.error("--png and --html draw one recording, not a comparison")

@@ -9,22 +9,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from workcell.ahead import DECIDING, compile_ahead
 from workcell.cli import exit_codes
 from workcell.cli.output import check_outputs, print_json, print_table, progress_bar
+from workcell.compile_ahead import DECIDING, compile_ahead
 from workcell.errors import InputError, UnknownNameError
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import IKResult
 from workcell.pose import Pose
 
 if TYPE_CHECKING:
-    from workcell.motion.world import PlanningWorld
+    from workcell.world.planning_world import PlanningWorld
 
 
 def ik(options: argparse.Namespace) -> int:
     """One query, answered in words."""
+    from workcell.ik.explain.why_not import explain
     from workcell.ik.solve import check_solver_name, solve
-    from workcell.ik.why_not import explain
 
     check_solver_name(options.solver)
     _compile_ahead(options.solver)
@@ -55,12 +55,12 @@ def _compile_ahead(solver: str) -> None:
 
 def _world(options: argparse.Namespace) -> PlanningWorld:
     """The robot alone checks itself against itself; in a cell, against everything there."""
-    from workcell.model.data import is_path, list_assets
+    from workcell.model.loading.assets import is_path, list_assets
     from workcell.model.scene import Scene
-    from workcell.motion.world import PlanningWorld
+    from workcell.world.planning_world import PlanningWorld
 
     if options.cell is None:
-        from workcell.model.build import robot_scene
+        from workcell.model.scene import robot_scene
 
         scene = robot_scene(options.robot)
         name = None
@@ -117,9 +117,9 @@ def _tell(problem: IKProblem, result: IKResult) -> None:
 
 def solve(options: argparse.Namespace) -> int:
     """A whole problem set; exit 0 when every problem was processed."""
-    from workcell.bench.problems import load_problem_set
-    from workcell.bench.runner import solve_set
     from workcell.ik.solve import check_solver_name
+    from workcell.sets.problems import load_problem_set
+    from workcell.sets.solving import solve_set
 
     check_solver_name(options.solver)
     _compile_ahead(options.solver)
@@ -147,10 +147,10 @@ def solve(options: argparse.Namespace) -> int:
 
 def verify(options: argparse.Namespace) -> int:
     """Re-check answers or paths; exit 1 when one was refused."""
-    from workcell.bench.paths import PathReport, holds_paths, verify_paths
-    from workcell.bench.problems import load_problem_set
-    from workcell.bench.reports import VerifyReport
-    from workcell.bench.runner import verify_answers
+    from workcell.sets.paths import PathReport, holds_paths, verify_paths
+    from workcell.sets.problems import load_problem_set
+    from workcell.sets.reports import VerifyReport
+    from workcell.sets.solving import verify_answers
 
     problem_set, answers = load_problem_set(Path(options.set)), Path(options.answers)
     report: PathReport | VerifyReport
@@ -181,7 +181,7 @@ def bench(options: argparse.Namespace) -> int:
         return exit_codes.DONE
     if options.bench is None:
         raise InputError("which bench?", where="bench", remedy="workcell bench --list names them")
-    from workcell.record.summary import write_json_atomic
+    from workcell.files import write_json_atomic
 
     check_outputs([options.out])
     sets = Path(options.sets) if options.sets else None

@@ -245,9 +245,9 @@ def _checked_pairs(pairs: SelfCollisionPairs | ArrayLike | None, spheres: int) -
 @functools.cache
 def _kernels() -> Any:
     """Compiled kernels, imported on first use: numba takes half a second."""
-    return importlib.import_module("workcell.geometry.kernels.robot")
+    return importlib.import_module("workcell.kernels.sphere_gaps")
 
 
 @functools.cache
 def _contact_kernels() -> Any:
-    return importlib.import_module("workcell.geometry.kernels.contacts")
+    return importlib.import_module("workcell.kernels.near_pairs")

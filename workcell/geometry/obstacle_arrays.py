@@ -93,7 +93,7 @@ class ObstacleArrays:
 @functools.cache
 def _kernels() -> Any:
     """Compiled kernels, imported on first use: numba takes half a second."""
-    return importlib.import_module("workcell.geometry.kernels.shapes")
+    return importlib.import_module("workcell.kernels.shapes")
 
 
 def _flat_points(points: ArrayLike) -> tuple[Array, tuple[int, ...]]:

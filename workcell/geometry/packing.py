@@ -7,19 +7,20 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.errors import InputError, ModelError
 from workcell.geometry.types import Piece, SphereCover
+from workcell.identity_cache import ByIdentity
 from workcell.model.robot import Robot
 from workcell.pose import Array, quat_to_matrix
-from workcell.remember import ByIdentity
 
 if TYPE_CHECKING:
-    from workcell.geometry.kernels.chain import Arm, Tree
-    from workcell.geometry.kernels.shapes import Shapes
+    from workcell.kernels.chain import Arm, Tree
+    from workcell.kernels.shapes import Shapes
 
 KINDS = {"box": 0, "sphere": 1, "capsule": 2, "cylinder": 3, "ellipsoid": 4, "halfspace": 5, "hull": 6}
-"""Codes of `workcell.geometry.kernels.distance`."""
+"""Codes of `workcell.kernels.distance`."""
 _TURN = 2 * np.pi
 _UPRIGHT = np.eye(3).ravel()
 
@@ -39,7 +40,7 @@ def joint_bounds(robot: Robot, lower: Array, upper: Array) -> Array:
 
 
 def _arm(robot: Robot) -> Arm:
-    from workcell.geometry.kernels.chain import Arm
+    from workcell.kernels.chain import Arm
 
     tool = robot.tool()
     if tool.link != robot.dof:
@@ -102,7 +103,7 @@ def _cover(robot: Robot, cover: SphereCover, shrunk: bool) -> tuple[Array, Array
 
 
 def pack_obstacles(pieces: Sequence[Piece]) -> tuple[Array, Array]:
-    """Obstacles (k, 19) and triangles of hulls (f, 13), for the kernels of `workcell.geometry.kernels.distance`.
+    """Obstacles (k, 19) and triangles of hulls (f, 13), for the kernels of `workcell.kernels.distance`.
 
     A row is the kind (see `KINDS`), position (3) and rotation (9, row-major) of the frame, size (3), radius of the ball
     around the position that holds all of it, first and last row in the triangles. A triangle is the outward unit normal
@@ -176,12 +177,12 @@ def _surface(vertex_bytes: bytes, name: str) -> tuple[Array, float, Array]:
 
 
 def pack_shapes(pieces: Sequence[Piece]) -> Shapes:
-    """Pieces for the kernels of `workcell.geometry.kernels.shapes`.
+    """Pieces for the kernels of `workcell.kernels.shapes`.
 
     Raises:
         ModelError: a hull without volume.
     """
-    from workcell.geometry.kernels.shapes import Shapes
+    from workcell.kernels.shapes import Shapes
 
     rows, faces = pack_obstacles(pieces)
     turned = rows[:, 4:13].reshape(-1, 3, 3)
@@ -200,7 +201,7 @@ def pack_tree(robot: Robot) -> Tree:
 
 
 def _tree(robot: Robot) -> Tree:
-    from workcell.geometry.kernels.chain import Tree
+    from workcell.kernels.chain import Tree
 
     turned, parents = axis_frames(robot), robot.parents
     frames = np.zeros((robot.dof + 1, 13))
@@ -227,3 +228,8 @@ def _sphere_rows(robot: Robot, cover: SphereCover) -> Array:
         )
     centre = np.einsum("kji,kj->ki", axis_frames(robot)[cover.link], cover.centre)
     return np.column_stack([centre, cover.radius, cover.link.astype(float)])
+
+
+def random_state(seed: int) -> NDArray[np.uint64]:
+    """The kernels' random stream for a seed."""
+    return np.array([seed % 2**64], dtype=np.uint64)

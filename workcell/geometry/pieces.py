@@ -10,15 +10,16 @@ from numpy.typing import ArrayLike
 
 from workcell.errors import ModelError
 from workcell.geometry.types import Piece, PieceKind
-from workcell.model.compiled import link_bodies
-from workcell.model.contact import geom_name
+from workcell.model.collision_model import geom_name
+from workcell.model.loading.compiled import link_bodies
 from workcell.pose import Array, Pose
 
 if TYPE_CHECKING:
     import mujoco
 
     from workcell.model.robot import Robot
-    from workcell.model.scene import Scene, SceneRobot
+    from workcell.model.scene import Scene
+    from workcell.model.scene_parts import SceneRobot
 
 MAX_PRISMS = 20_000
 """Triangular prisms that one height field may turn into."""
@@ -110,7 +111,7 @@ def robot_pieces(
 
 
 def model_pieces(model: mujoco.MjModel, robot: Robot) -> tuple[tuple[Piece, ...], ...]:
-    """The same for a robot file that was compiled by itself (`workcell.model.load.load_compiled`)."""
+    """The same for a robot file that was compiled by itself (`workcell.model.loading.load.load_compiled`)."""
     positions = np.array(model.qpos0)
     addresses = [int(model.joint(name).qposadr[0]) for name in robot.joint_names]
     return _link_pieces(model, robot, link_bodies(model, robot, ""), positions, positions[addresses])

@@ -127,7 +127,7 @@ def _sphere_pairs(cover: SphereCover, links: tuple[tuple[int, int], ...]) -> Ind
 
 def _gaps(robot: Robot, cover: SphereCover, pairs: Index, q: Array) -> Array:
     """Gaps (c, p) of pairs (p, 2) at configurations (c, n)."""
-    kernels: Any = importlib.import_module("workcell.geometry.kernels.robot")
+    kernels: Any = importlib.import_module("workcell.kernels.sphere_gaps")
     gap = np.empty((len(q), len(pairs)))
     kernels.self_gaps(
         pack_tree(robot), pack_spheres(robot, cover), np.array(pairs), np.array(q), gap, _NO_GRADIENT

@@ -175,3 +175,8 @@ class FreeSpace:
 
     def __len__(self) -> int:
         return len(self.lower)
+
+
+def obstacle_name(piece: Piece) -> str:
+    """The body that a piece belongs to, all of which is taken away together; its own name where it stands alone."""
+    return piece.body if piece.body not in ("", "world") else piece.name

@@ -14,10 +14,10 @@ import numpy as np
 
 from workcell.errors import InputError
 from workcell.geometry.types import Piece
+from workcell.identity_cache import ByIdentity
 from workcell.ik.problem import IKProblem
 from workcell.model.robot import Robot
 from workcell.pose import Array, Pose, read_only
-from workcell.remember import ByIdentity
 
 FORMAT = "workcell-certificate/1"
 
@@ -190,3 +190,10 @@ def _of_bounds(problem: IKProblem) -> Iterator[Any]:
 
 def _pose(pose: Pose) -> tuple[Array, Array]:
     return pose.position, pose.quat_wxyz
+
+
+def collision_scope(problem: IKProblem) -> Scope:
+    """What penetrating spheres prove: spheres that cover the robot from outside, only the model they belong to."""
+    assert problem.cover is not None
+    true_shape = problem.cover.kind == "inner" or (problem.cover.kind == "given" and problem.checker is None)
+    return "geometry" if true_shape else "model"

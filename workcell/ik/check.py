@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from workcell.ik.certificate import Certificate, problem_hash
-from workcell.ik.elementary import check_last_link, check_reach
+from workcell.ik.elementary.bounds import check_last_link, check_reach
 from workcell.ik.problem import IKProblem
 from workcell.ik.result import Status
 
@@ -27,15 +27,15 @@ def check_certificate(problem: IKProblem, certificate: Certificate) -> str | Non
             f"proofs of kind {certificate.kind!r} are about whole poses, the problem about the {problem.goal}"
         )
     if certificate.kind == "farkas":
-        from workcell.ik.farkas import check_farkas
+        from workcell.ik.ikspark.check import check_farkas
 
         return check_farkas(problem, certificate)
     if certificate.kind == "branch":
-        from workcell.ik.branch_check import check_branch
+        from workcell.ik.branch.checker.check import check_branch
 
         return check_branch(problem, certificate)
     if certificate.kind == "cidgik":
-        from workcell.ik.cidgik_certificate import check_cidgik
+        from workcell.ik.cidgik.check import check_cidgik
 
         return check_cidgik(problem, certificate)
     if certificate.kind not in ("reach", "last_link"):

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from workcell.errors import WorkcellError
 from workcell.ik.certificate import Certificate
 from workcell.ik.check import STATUS_OF_SCOPE, check_certificate
+from workcell.ik.judge.verify import Verification, verify
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import Candidate, IKResult, Status
 from workcell.ik.stages import SolverStage, StageLog
-from workcell.ik.verify import Verification, verify
 from workcell.model.robot import LIMIT_SLACK
 from workcell.pose import Array
 
@@ -43,7 +43,7 @@ class Resumed:
 
     def __call__(self, problem: IKProblem, budget: Budget, seed: int) -> Candidate:
         """Search on for as long as the budget says."""
-        from workcell.ik.branch import BranchSearch
+        from workcell.ik.branch.solver import BranchSearch
 
         deadline = time.process_time() + budget.cpu_s
         self._search = self._search or BranchSearch(problem)
@@ -52,19 +52,19 @@ class Resumed:
 
 
 def _prepare_hjcd(problem: IKProblem) -> None:
-    from workcell.ik import hjcdik
+    from workcell.ik.hjcd import solver as hjcdik
 
     hjcdik.prepare(problem)
 
 
 def _prepare_elementary(problem: IKProblem) -> None:
-    from workcell.ik import screen
+    from workcell.ik.elementary import screen
 
     screen.prepare()
 
 
 def _prepare_branch(problem: IKProblem) -> None:
-    from workcell.ik import branch
+    from workcell.ik.branch import solver as branch
 
     branch.prepare_kernels()
 

@@ -8,52 +8,52 @@ from dataclasses import replace
 import numpy as np
 
 from workcell.errors import InputError, UnknownNameError
-from workcell.ik.elementary import prove_impossible
-from workcell.ik.multistart import solve_multistart
+from workcell.ik.elementary.bounds import prove_impossible
+from workcell.ik.multistart.solver import solve_multistart
+from workcell.ik.observing import report
 from workcell.ik.portfolio import AUTO, Portfolio, Resumed, Solver, Turn
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import Candidate, IKResult
-from workcell.ik.stages import report
 
 
 def _elementary(problem: IKProblem, budget: Budget, seed: int) -> Candidate:
-    from workcell.ik.screen import may_be_impossible
+    from workcell.ik.elementary.screen import may_be_impossible
 
     return Candidate(certificate=prove_impossible(problem) if may_be_impossible(problem) else None)
 
 
 def _hjcd(problem: IKProblem, budget: Budget, seed: int) -> Candidate:
-    from workcell.ik.hjcdik import solve_hjcd
+    from workcell.ik.hjcd.solver import solve_hjcd
 
     return solve_hjcd(problem, budget, seed)
 
 
 def _branch(problem: IKProblem, budget: Budget, seed: int) -> Candidate:
-    from workcell.ik.branch import solve_branch
+    from workcell.ik.branch.solver import solve_branch
 
     return solve_branch(problem, budget, seed)
 
 
 def _ikspark(problem: IKProblem, budget: Budget, seed: int) -> Candidate:
-    from workcell.ik.ikspark import solve_ikspark
+    from workcell.ik.ikspark.solver import solve_ikspark
 
     return solve_ikspark(problem, budget, seed)
 
 
 def _ikspark_local(problem: IKProblem, budget: Budget, seed: int) -> Candidate:
-    from workcell.ik.ikspark import solve_ikspark
+    from workcell.ik.ikspark.solver import solve_ikspark
 
     return solve_ikspark(problem, budget, seed, local=True)
 
 
 def _cidgik(problem: IKProblem, budget: Budget, seed: int) -> Candidate:
-    from workcell.ik.cidgik import solve_cidgik
+    from workcell.ik.cidgik.solver import solve_cidgik
 
     return solve_cidgik(problem, budget, seed)
 
 
 def _cidgik_local(problem: IKProblem, budget: Budget, seed: int) -> Candidate:
-    from workcell.ik.cidgik import solve_cidgik
+    from workcell.ik.cidgik.solver import solve_cidgik
 
     return solve_cidgik(problem, budget, seed, local=True)
 

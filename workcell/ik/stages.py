@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from workcell.ik.problem import IKProblem
-    from workcell.ik.result import IKResult
+    pass
 
 KEPT = 100
 """Stages of one query, from its beginning and from its end, that are kept one by one; those between are added up."""
@@ -109,24 +106,3 @@ class StageLog:
             return (*self._first, *self._last)
         folded = SolverStage("more of these", self._between_cpu_s, numbers={"stages": self._between})
         return (*self._first, replace(folded, solver=self._first[-1].solver), *self._last)
-
-
-Observer = Callable[["IKProblem", "IKResult"], None]
-_observer: ContextVar[Observer | None] = ContextVar("workcell_ik_observer", default=None)
-
-
-@contextmanager
-def observed(observer: Observer) -> Iterator[None]:
-    """Calls `observer(problem, result)` for every query of this thread that is answered meanwhile; the innermost counts."""
-    token = _observer.set(observer)
-    try:
-        yield
-    finally:
-        _observer.reset(token)
-
-
-def report(problem: IKProblem, result: IKResult) -> None:
-    """Tells the observer, if there is one, of an answered query."""
-    observer = _observer.get()
-    if observer is not None:
-        observer(problem, result)

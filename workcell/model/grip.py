@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workcell.errors import InputError, ModelError, UnknownNameError
-from workcell.model.scene import Scene, SceneRobot
+from workcell.model.scene import Scene
+from workcell.model.scene_parts import SceneRobot
 from workcell.pose import Array, Pose
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import numpy as np
 
 from workcell.errors import InputError
 from workcell.model.robot import Robot
-from workcell.model.scene import SceneRobot
+from workcell.model.scene_parts import SceneRobot
 from workcell.pose import Pose
 
 

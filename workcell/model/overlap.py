@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from workcell.model.contact import CollisionModel, geom_name
+from workcell.model.collision_model import CollisionModel, geom_name
 from workcell.model.scene import Scene
 
 

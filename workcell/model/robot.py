@@ -1,7 +1,7 @@
 """`Robot`: a kinematic tree of revolute and prismatic joints, with limits, tools and a base pose, in plain numpy.
 
-A robot comes from a compiled MuJoCo model (`workcell.model.load`) or from a problem-set file
-(`workcell.bench.problems`); from then on no solver needs to know which.
+A robot comes from a compiled MuJoCo model (`workcell.model.loading.load`) or from a problem-set file
+(`workcell.sets.problems`); from then on no solver needs to know which.
 """
 
 from __future__ import annotations

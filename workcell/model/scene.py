@@ -9,67 +9,26 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from workcell.errors import InputError, UnknownNameError
-from workcell.model.robot import Robot
+from workcell.model.loading.assets import find_asset
+from workcell.model.loading.build import (
+    add_grasp_welds,
+    attach_robot,
+    obstacles_of,
+    robots_inside,
+    scene_object,
+    scene_robot,
+    task_of,
+)
+from workcell.model.loading.load import compile_spec, load_spec, quiet_mujoco
+from workcell.model.loading.placing import attach_object, variation
+from workcell.model.loading.taskfile import RobotEntry, TaskFile
+from workcell.model.scene_parts import Goal, SceneObject, SceneRobot, site_pose
 from workcell.pose import Array, Pose, read_only
 
 if TYPE_CHECKING:
     import mujoco
-
-
-@dataclass(frozen=True, slots=True)
-class SceneRobot:
-    """One robot of a scene, and where it lives in the compiled model.
-
-    Attributes:
-        name: its name in the scene.
-        prefix: of all its elements in the compiled model, e.g. `sawyer/`.
-        robot: its kinematics, with the base where it is mounted.
-        body_ids: all its bodies, gripper included.
-        link_body_ids: for each link, the bodies that it carries.
-        qpos_addresses, dof_addresses, actuator_ids: (n,) in the robot's joint order.
-        gripper: name of the actuator that closes its gripper, or None.
-        start: (n,) configuration at the start of the task.
-        fingers: (address in qpos, home value) of the joints that are not planned for: the gripper's.
-    """
-
-    name: str
-    prefix: str
-    robot: Robot
-    body_ids: frozenset[int]
-    link_body_ids: tuple[tuple[int, ...], ...]
-    qpos_addresses: NDArray[np.int64]
-    dof_addresses: NDArray[np.int64]
-    actuator_ids: NDArray[np.int64]
-    gripper: str | None
-    start: Array
-    fingers: tuple[tuple[int, float], ...] = ()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "start", read_only(self.start))
-        for name in ("qpos_addresses", "dof_addresses", "actuator_ids"):
-            object.__setattr__(self, name, read_only(getattr(self, name), np.int64))
-
-
-@dataclass(frozen=True, slots=True)
-class SceneObject:
-    """A thing that a task handles; `qpos_address` of its free joint is None when it is fixed."""
-
-    name: str
-    body_id: int
-    body_ids: frozenset[int]
-    qpos_address: int | None
-
-
-@dataclass(frozen=True, slots=True)
-class Goal:
-    """A named pose `T_world_tool` for a robot's tool."""
-
-    name: str
-    robot: str
-    pose: Pose
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,8 +74,6 @@ class Scene:
         Raises:
             ModelError: a missing or malformed file, naming the element; UnknownNameError: an unknown name.
         """
-        from workcell.model.build import build_scene
-
         return build_scene(source, robot, seed)
 
     def robot(self, name: str | None = None) -> SceneRobot:
@@ -212,14 +169,57 @@ class _Settings(dict[str, Any]):
         raise UnknownNameError("key", key, self, where=f"{self._path}: [task]")
 
 
-def site_pose(model: mujoco.MjModel, name: str, qpos: Array, where: str | Path) -> Pose:
-    """World pose of a site at raw positions (nq,); raises UnknownNameError with the model's sites."""
+def build_scene(source: str | Path, robot: str | None, seed: int | None = None) -> Scene:
+    """See `Scene.load`."""
+    task = task_of(source, robot)
+    where = f"{task.path}: cell" if task.cell != str(task.path) else None
+    cell = load_spec(task.cell, kind="cells", relative_to=task.path.parent, where=where)
+    return _compiled(cell, task, seed)
+
+
+def _compiled(spec: mujoco.MjSpec, task: TaskFile, seed: int | None = None) -> Scene:
+    free = any(not entry.fixed for entry in task.objects)
+    places = compile_spec(spec.copy(), task.cell) if free else None
+    with quiet_mujoco():
+        homes = {entry.name: attach_robot(spec, entry, task) for entry in task.robots}
+        for k, entry in enumerate(task.objects):
+            attach_object(spec, entry, task, variation(entry, k, seed), places)
+    if not task.robots:
+        task = robots_inside(spec, task)
+    add_grasp_welds(spec, task)
+    model = compile_spec(spec, task.path)
+    robots = {entry.name: scene_robot(model, entry, homes.get(entry.name, {}), task) for entry in task.robots}
+    objects = {entry.name: scene_object(model, entry) for entry in task.objects}
+    scene = Scene(
+        name=task.name,
+        path=task.path,
+        model=model,
+        robots=robots,
+        objects=objects,
+        goals={},
+        obstacles=obstacles_of(model, robots, objects),
+        task=task.task,
+    )
+    return replace(scene, goals=_goals(scene, task))
+
+
+def robot_scene(robot: str | Path) -> Scene:
+    """A robot alone in an empty world, base at the world's origin; raises as `load_robot`."""
     import mujoco
 
-    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
-    if site < 0:
-        raise UnknownNameError("site", name, [model.site(i).name for i in range(model.nsite)], where=where)
-    data = mujoco.MjData(model)
-    data.qpos[:] = qpos
-    mujoco.mj_kinematics(model, data)
-    return Pose.from_rotation(data.site_xpos[site], data.site_xmat[site].reshape(3, 3))
+    path = find_asset("robots", robot)
+    task = TaskFile(path, path.stem, "", (RobotEntry(path.stem, str(path)),))
+    return _compiled(mujoco.MjSpec(), task)
+
+
+def _goals(scene: Scene, task: TaskFile) -> dict[str, Goal]:
+    goals = {}
+    qpos = scene.initial_qpos()
+    for entry in task.goals:
+        frame = Pose.identity()
+        if entry.relative_to != "world":
+            frame = site_pose(
+                scene.model, entry.relative_to, qpos, f"{task.path}: goal {entry.name!r} relative_to"
+            )
+        goals[entry.name] = Goal(entry.name, entry.robot, frame @ entry.offset)
+    return goals

@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from workcell.errors import InputError
 from workcell.geometry.packing import axis_frames, pack_arm, pack_cover, pack_obstacles
 from workcell.geometry.types import Piece, SphereCover
+from workcell.identity_cache import ByIdentity
 from workcell.ik.problem import Clearance
 from workcell.model.robot import LIMIT_SLACK, Robot
 from workcell.pose import Array, read_only
-from workcell.remember import ByIdentity
 
 if TYPE_CHECKING:
     from workcell.motion.kernels.body import Body

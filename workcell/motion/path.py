@@ -151,7 +151,7 @@ class PathMetrics:
         clearance_at_waypoints: smallest clearance at a waypoint (metres), with its pair.
         clearance_between: lower bound on the clearance everywhere on the path, proved by subdivision.
         evaluations: collision queries spent on that proof.
-        manipulability: smallest at a waypoint, see `workcell.motion.metrics`.
+        manipulability: smallest at a waypoint, see `workcell.motion.quality`.
         limit_distance: smallest distance from a joint limit at a waypoint (radians or metres).
     """
 

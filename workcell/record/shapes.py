@@ -52,7 +52,7 @@ class Shape:
 
 def polytope_shape(polytope: FreePolytope, rgba: Array) -> Shape:
     """A polytope of free space as a mesh in the world frame, flat on its sides."""
-    from workcell.geometry.iris import solid_of
+    from workcell.geometry.free_space.polytopes import solid_of
 
     return _flat_mesh(solid_of(polytope), rgba)
 

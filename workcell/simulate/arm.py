@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workcell.errors import InputError, ModelError
-from workcell.model.scene import Scene, SceneRobot
+from workcell.model.scene import Scene
+from workcell.model.scene_parts import SceneRobot
 from workcell.motion.path import Trajectory
 from workcell.pose import Array, Pose
 from workcell.simulate.controller import Controller, discrete_reference
 from workcell.simulate.grasp import Hand
-from workcell.simulate.rows import Worst
+from workcell.simulate.log_rows import Worst
 
 if TYPE_CHECKING:
     import mujoco

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workcell.errors import ModelError
-from workcell.model.actuators import is_motor
-from workcell.model.scene import SceneRobot
+from workcell.model.loading.actuators import is_motor
+from workcell.model.scene_parts import SceneRobot
 from workcell.pose import Array, matrix_to_quat
 from workcell.simulate.imperfections import Imperfections
 

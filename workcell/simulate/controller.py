@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Literal, Protocol, get_args
 import numpy as np
 
 from workcell.errors import InputError, UnknownNameError
-from workcell.model.scene import SceneRobot
+from workcell.model.scene_parts import SceneRobot
 from workcell.motion.path import Trajectory
 from workcell.pose import Array
 from workcell.simulate.arm_model import ArmModel

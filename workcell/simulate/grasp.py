@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workcell.errors import ModelError
-from workcell.model.build import GRASP
-from workcell.model.scene import SceneObject, SceneRobot
+from workcell.model.loading.build import GRASP
+from workcell.model.scene_parts import SceneObject, SceneRobot
 from workcell.pose import Array, Pose, read_only
 
 if TYPE_CHECKING:

@@ -7,13 +7,13 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from workcell.errors import InputError, UnknownNameError
-from workcell.model.scene import SceneRobot
+from workcell.model.scene_parts import SceneRobot
 from workcell.motion.path import Trajectory
 from workcell.pose import Array, Pose
 from workcell.simulate.arm import Arm
+from workcell.simulate.checks import check_free_hand, checked_motions, checked_seconds, checked_share
 from workcell.simulate.execution import StopReason
 from workcell.simulate.grasp import Hand, Weld, finger_speed
-from workcell.simulate.orders import check_free_hand, checked_motions, checked_seconds, checked_share
 from workcell.simulate.stepping import Settings, Stepper
 from workcell.simulate.watch import Held, Hold
 

@@ -8,14 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workcell.model.scene import Scene, SceneRobot
+from workcell.model.scene import Scene
+from workcell.model.scene_parts import SceneRobot
 from workcell.pose import Array
 from workcell.simulate.arm import Arm, Reference
 from workcell.simulate.controller import Gains, make_controller
 from workcell.simulate.execution import ContactEvent, Event, Execution, Stop, StopReason, join_executions
 from workcell.simulate.imperfections import Imperfections
+from workcell.simulate.log_rows import Rows, Worst, captured_warnings
 from workcell.simulate.pushes import Pushes
-from workcell.simulate.rows import Rows, Worst, captured_warnings
 from workcell.simulate.shared_load import internal_force
 from workcell.simulate.watch import Watch
 

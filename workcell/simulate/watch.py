@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from workcell.errors import UnknownNameError
-from workcell.model.contact import CollisionModel, Distance
-from workcell.model.scene import Scene, SceneObject, SceneRobot
+from workcell.model.collision_model import CollisionModel, Distance
+from workcell.model.scene import Scene
+from workcell.model.scene_parts import SceneObject, SceneRobot
 from workcell.pose import Array, Pose
-from workcell.simulate.contacts import ContactRules
+from workcell.simulate.contact_rules import ContactRules
 from workcell.simulate.grasp import Weld
 
 if TYPE_CHECKING:

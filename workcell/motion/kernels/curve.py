@@ -6,8 +6,8 @@ and |q''| <= sum m (m-1) |p_m| h^(m-2) for times at most h away, exactly in the 
 
 from __future__ import annotations
 
-from workcell.geometry.kernels.chain import forward
 from workcell.jit import inner, kernel
+from workcell.kernels.chain import forward
 from workcell.motion.kernels.body import Body, Room, accelerations, room, twists
 from workcell.motion.kernels.line import BLOCKED, INTERVALS, PROVED, SPENT, TIGHT, Verdict
 from workcell.motion.kernels.steps import safe_steps

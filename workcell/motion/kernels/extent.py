@@ -1,4 +1,4 @@
-"""How far the links of an arm can move about one configuration (see `workcell.motion.proof`)."""
+"""How far the links of an arm can move about one configuration (see `workcell.motion.proofs.on_model`)."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from workcell.geometry.kernels.chain import Tree, carried, forward_tree
 from workcell.jit import exact_kernel
+from workcell.kernels.chain import Tree, carried, forward_tree
 from workcell.pose import Array
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from workcell.geometry.kernels.chain import forward
 from workcell.jit import inner, kernel
+from workcell.kernels.chain import forward
 from workcell.motion.kernels.body import Body, Room, accelerations, room, twists
 from workcell.motion.kernels.steps import safe_steps
 from workcell.pose import Array

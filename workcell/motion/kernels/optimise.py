@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.ik.kernels.options import RandomState, uniform
 from workcell.jit import inner, kernel
+from workcell.kernels.random import RandomState, uniform
 from workcell.motion.kernels.body import Body, Room, room
 from workcell.motion.kernels.line import INTERVALS
 from workcell.motion.kernels.straight import distance, line_is_clear

@@ -14,9 +14,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from workcell.geometry.kernels.chain import carried
-from workcell.geometry.kernels.distance import BOX, HALFSPACE, HULL, hull_height, signed_distance
 from workcell.jit import inner
+from workcell.kernels.chain import carried
+from workcell.kernels.distance import BOX, HALFSPACE, HULL, hull_height, signed_distance
 from workcell.motion.kernels.body import Body, span
 from workcell.pose import Array
 

@@ -5,9 +5,9 @@ A yes is final. A no proves nothing: it says that a proof is worth its time.
 
 from __future__ import annotations
 
-from workcell.geometry.kernels.chain import carried, forward
-from workcell.geometry.kernels.distance import BOX, HALFSPACE, HULL, hull_height, signed_distance
 from workcell.jit import inner
+from workcell.kernels.chain import carried, forward
+from workcell.kernels.distance import BOX, HALFSPACE, HULL, hull_height, signed_distance
 from workcell.motion.kernels.body import Body, Room
 from workcell.pose import Array
 

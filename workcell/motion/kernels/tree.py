@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.geometry.kernels.chain import forward
-from workcell.ik.kernels.options import RandomState, uniform
 from workcell.jit import inner, kernel
+from workcell.kernels.chain import forward
+from workcell.kernels.random import RandomState, uniform
 from workcell.motion.kernels.body import Body, Room, room
 from workcell.motion.kernels.line import INTERVALS, PROVED, prove_line
 from workcell.motion.kernels.touch import free_samples

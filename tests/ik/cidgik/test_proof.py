@@ -1,0 +1,286 @@
+"""CIDGIK's relaxation: its reductions hold, the plain model agrees, and its proofs are never about what is possible."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cvxpy as cp
+import numpy as np
+import pytest
+
+from tests.ik.lifted_arms import parallel_elbow, seven_axis, skew_arm
+from workcell.bench.ik.cidgik_scaling import long_arm
+from workcell.bench.ik.cidgik_supplement import infeasible_problems
+from workcell.bench.reference.cidgik_problems import (
+    bench_arm,
+    environment,
+    joint_points,
+    link_points,
+    off_centre,
+    random_problems,
+)
+from workcell.bench.reference.closed_forms import parallel_arm
+from workcell.ik.certificate import Certificate
+from workcell.ik.check import check_certificate
+from workcell.ik.cidgik.check import check_cidgik
+from workcell.ik.cidgik.chordal import ChordalInstance, ChordalStructure
+from workcell.ik.cidgik.instance import Instance
+from workcell.ik.cidgik.model import relaxation_at
+from workcell.ik.cidgik.plain import relaxation
+from workcell.ik.cidgik.proof import Proof, margin, proof_of
+from workcell.ik.cidgik.query import check_query, solve_query
+from workcell.ik.cidgik.skeleton import Skeleton
+from workcell.ik.cidgik.solver import prove_cidgik, solve_cidgik
+from workcell.ik.cidgik.structure import Structure
+from workcell.ik.problem import Budget, IKProblem
+from workcell.ik.result import Status
+from workcell.ik.shared.conic import svec
+from workcell.ik.solve import solve
+from workcell.ik.trees.query import Balls, Goal, Points, Query, Workspace
+from workcell.model.robot import Robot
+from workcell.pose import Pose
+
+NO_POINTS = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
+ARMS = [bench_arm("ur10"), off_centre(bench_arm("kuka")), seven_axis(), skew_arm(5, 5)]
+
+
+def skeleton_of(robot: Robot) -> Skeleton:
+    goal = Goal.posed("tool", robot.fk(np.zeros(robot.dof)))
+    return Skeleton(robot, (goal,), NO_POINTS, robot.lower, robot.upper)
+
+
+def test_orders_after_the_reduction() -> None:
+    """UR10: 13 points to 6; KUKA and LWA4D: 15 points to one 4x4 block once axes are left out."""
+    assert [Structure(skeleton_of(bench_arm(name))).order for name in ("ur10", "kuka", "lwa4d")] == [6, 4, 4]
+
+
+@pytest.mark.parametrize("robot", [*ARMS, parallel_elbow()], ids=lambda robot: f"{robot.name}{robot.dof}")
+def test_every_row_holds_at_every_configuration(robot: Robot) -> None:
+    structure = Structure(skeleton_of(robot))
+    reduction = structure.reduction
+    rng = np.random.default_rng(3)
+    for _ in range(4):
+        q = rng.uniform(robot.lower, robot.upper)
+        X, G = reduction.basis_at(q), reduction.columns_at(q)
+        columns = np.vstack([X, np.eye(3)])
+        T = robot.T_world_base.inverse().matrix @ robot.link_transforms(q)
+        for link, directions in reduction.directions.items():
+            assert np.allclose(
+                directions.at(G) @ columns, (T[link, :3, :3] @ structure.skeleton.basis[link]).T
+            )
+            assert np.allclose(reduction.origins[link].at(G) @ columns, T[link, :3, 3])
+        Z = svec(columns @ columns.T)
+        rows, constants = structure.equalities(G)
+        assert np.abs(rows @ Z - constants).max() < 1e-9
+        limits, least = structure.limits.at(
+            G, 0.5 * (robot.lower + robot.upper), 0.5 * (robot.upper - robot.lower)
+        )
+        assert np.all(limits @ Z - least > -1e-9)
+        blocks, quarter = structure.frames.quaternions(G)
+        for block in blocks @ Z + quarter:
+            # the triangle of q q^T, of trace one and rank one
+            assert np.isclose(block[[0, 2, 5, 9]].sum(), 1.0) and np.isclose(np.linalg.norm(block), 1.0)
+
+
+def own_points(instance: Instance) -> np.ndarray:
+    """The plain model's variable points over the kept columns."""
+    structure = instance.structure
+    skeleton, reduction = structure.skeleton, structure.reduction
+    points = []
+    for link in range(1, skeleton.robot.dof + 1):
+        if link not in skeleton.known:
+            points.append(instance.vector(reduction.point(link, np.zeros(3))))
+            points += [instance.vector(reduction.point(link, along)) for along in skeleton.basis[link].T]
+    return np.array(points)
+
+
+@pytest.mark.filterwarnings("ignore:Solution may be inaccurate")
+@pytest.mark.parametrize(
+    "robot", [ARMS[0], off_centre(bench_arm("ur10")), skew_arm(5, 4)], ids=lambda r: r.name
+)
+def test_the_plain_model_has_the_same_optimum(robot: Robot) -> None:
+    q = np.random.default_rng(0).uniform(robot.lower, robot.upper)
+    plain, model = relaxation(Query(robot, (Goal.posed("tool", robot.fk(q)),)))
+    oracle = cp.Problem(cp.Minimize(cp.trace(model.Z) - 3.0), plain.constraints)
+    oracle.solve(solver="CLARABEL")
+    # without an interior some of them end a little early
+    assert oracle.status in ("optimal", "optimal_inaccurate")
+    problem = IKProblem(robot, robot.fk(q))
+    instance, _ = relaxation_at(problem)
+    assert not instance.structure.dropped
+    points = own_points(instance)
+    solution = instance.solve(points.T @ points)
+    value = float(np.sum((points.T @ points) * instance.matrix(solution.x)))
+    assert value == pytest.approx(oracle.value, rel=1e-4)
+
+
+def test_blocks_and_one_block_have_the_same_optimum() -> None:
+    robot = long_arm(8, 2.0)
+    skeleton = skeleton_of(robot)
+    goals = (Goal.posed("tool", robot.fk(np.full(8, 0.4))),)
+    middle, half = np.zeros(8), np.full(8, 2.0)
+    whole, blocks = (
+        Instance(Structure(skeleton), goals, middle, half),
+        ChordalInstance(ChordalStructure(skeleton), goals, middle, half),
+    )
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        weights = {link: rng.standard_normal((2, skeleton.basis[link].shape[1])) for link in range(2, 7)}
+        C_whole = sum(_squares(whole, link, w) for link, w in weights.items())
+        C_blocks = [np.zeros((part.structure.order,) * 2) for part in blocks.parts]
+        for link, w in weights.items():
+            C_blocks[blocks.structure.home[link]] += _squares(
+                blocks.parts[blocks.structure.home[link]], link, w
+            )
+        one, many = whole.solve(C_whole), blocks.solve(C_blocks)
+        value = float(np.sum(C_whole * whole.matrix(one.x)))
+        parts = sum(float(np.sum(C * Z)) for C, Z in zip(C_blocks, blocks.matrix(many.x), strict=True))
+        assert parts == pytest.approx(value, abs=1e-4)
+
+
+def _squares(instance: Instance, link: int, weights: np.ndarray) -> np.ndarray:
+    """C of the squared lengths of two combinations of a link's directions and its origin."""
+    reduction = instance.structure.reduction
+    vectors = np.vstack(
+        [instance.vector(reduction.directions[link].mix(weights)), instance.vector(reduction.origins[link])]
+    )
+    C: np.ndarray = vectors.T @ vectors
+    return C
+
+
+@pytest.mark.parametrize(
+    "robot", [*ARMS, off_centre(bench_arm("ur10"))], ids=lambda robot: f"{robot.name}{robot.dof}"
+)
+def test_far_targets_are_certified_and_the_certificate_says_so_again(robot: Robot) -> None:
+    target = robot.fk(np.full(robot.dof, 0.5))
+    far = Pose(target.position * (1.5 * robot.reach() / np.linalg.norm(target.position)), target.quat_wxyz)
+    problem = IKProblem(robot, far)
+    certificate = prove_cidgik(problem)
+    assert certificate is not None and certificate.scope == "kinematics"
+    assert check_certificate(problem, Certificate.from_json(certificate.to_json())) is None
+    assert check_certificate(replace(problem, target=target), certificate) is not None
+
+
+def test_damaged_certificates_are_refused() -> None:
+    robot = bench_arm("ur10")
+    problem = IKProblem(robot, Pose.from_xyz([2.0, 0.0, 0.0]))
+    certificate = prove_cidgik(problem)
+    assert certificate is not None
+    data = dict(certificate.data)
+    damaged = [
+        data | {"S": -data["S"]},
+        data | {"S": data["S"][:-1]},
+        data | {"equalities": 0.0 * data["equalities"]},
+        data | {"keys": np.zeros((1, 3)), "rows": np.ones(1)},
+        data | {"tolerances": np.array([1e-9, 1e-9, 0.0])},
+        {name: values for name, values in data.items() if name != "S"},
+    ]
+    for numbers in damaged:
+        assert check_cidgik(problem, replace(certificate, data=numbers)) is not None
+    assert check_cidgik(problem, replace(certificate, scope="geometry")) is not None
+
+
+def test_what_is_possible_is_never_proved_impossible() -> None:
+    for robot in (bench_arm("ur10"), off_centre(bench_arm("ur10")), bench_arm("kuka")):
+        for problem in random_problems(robot, link_points(robot), *environment("cube"), 5, 1):
+            assert prove_cidgik(problem) is None
+
+
+@pytest.mark.parametrize(
+    "robot", [ARMS[0], off_centre(bench_arm("ur10")), ARMS[3]], ids=lambda robot: robot.name
+)
+def test_no_multipliers_prove_a_reachable_pose_impossible(robot: Robot) -> None:
+    """F is not negative at a configuration, whatever the multipliers: neither random ones nor those of a near miss."""
+    rng = np.random.default_rng(2)
+    q = np.full(robot.dof, 0.4)
+    pose = robot.fk(q)
+    instance, _ = relaxation_at(IKProblem(robot, pose))
+    frames, order = len(instance.frame_rows) // 10, instance.structure.order
+    proofs = []
+    for _ in range(20):
+        R = rng.standard_normal((order, order))
+        Ts = [svec(t @ t.T) for t in rng.standard_normal((frames, 4, 4))]
+        proofs.append(
+            Proof(
+                rng.standard_normal(len(instance.structure.used)),
+                rng.uniform(0, 1, len(instance.limit_rows)),
+                np.zeros((0, 3)),
+                np.zeros(0),
+                svec(R @ R.T),
+                np.array(Ts).reshape(-1, 10),
+            )
+        )
+    for distance in (0.02, 0.2):
+        away = Pose(
+            pose.position * (1 + (robot.reach() + distance) / np.linalg.norm(pose.position)), pose.quat_wxyz
+        )
+        other, _ = relaxation_at(IKProblem(robot, away))
+        solution = other.solve(other.nuclear())
+        proof = proof_of(other, None, solution.z) if solution.status == "infeasible" else None
+        assert proof is not None
+        proofs.append(proof)
+    for proof in proofs:
+        for tolerance in (0.0, 1e-3):
+            assert margin(instance, None, proof, tolerance, tolerance, 0.0) <= 0.0
+
+
+def test_a_proof_covers_the_tolerance_it_names() -> None:
+    """Targets just out of reach: what is proved at one is not proved where a configuration comes within the tolerance."""
+    robot = bench_arm("ur10")
+    edge = robot.fk(np.array([0.3, 0.0, 0.0, 0.2, 1.0, 0.5]))
+    outward = edge.position / np.linalg.norm(edge.position)
+    for distance in (2e-3, 2e-2, 2e-1):
+        beyond = Pose(edge.position + distance * outward, edge.quat_wxyz)
+        instance, _ = relaxation_at(IKProblem(robot, beyond))
+        solution = instance.solve(instance.nuclear())
+        if solution.status != "infeasible":
+            continue
+        proof = proof_of(instance, None, solution.z)
+        assert proof is not None
+        assert margin(instance, None, proof, distance, 0.0, 0.0) <= 0.0
+
+
+def test_poses_whose_solutions_all_collide() -> None:
+    robot = bench_arm("ur10")
+    problems = infeasible_problems(6, 0)
+    proved = [certificate for problem in problems if (certificate := prove_cidgik(problem)) is not None]
+    assert proved and all(certificate.scope == "geometry" for certificate in proved)
+    for problem in problems:
+        assert len(parallel_arm(robot, problem.target)) > 0
+        assert solve_cidgik(problem, Budget(0.05)).q is None
+    blocked = next(p for p in problems if prove_cidgik(p) is not None)
+    result = solve(blocked, "cidgik", Budget(2.0))
+    assert result.status is Status.BLOCKED
+    assert result.certificate is not None and check_certificate(blocked, result.certificate) is None
+    without = replace(blocked, obstacles=blocked.obstacles[:1])
+    assert check_certificate(without, result.certificate) is not None
+
+
+def test_proofs_of_queries() -> None:
+    robot = bench_arm("ur10")
+    query = Query(robot, (Goal.at("tool", [2.0, 0.0, 0.0]),))
+    answer = solve_query(query, Budget(2.0))
+    assert answer.status is Status.UNREACHABLE and answer.proof is not None
+    assert check_query(query, answer.proof) is None
+    assert check_query(replace(query, goals=(Goal.at("tool", [0.7, 0.2, 0.3]),)), answer.proof) is not None
+
+
+def test_joint_points_leave_out_what_the_base_fixes() -> None:
+    assert joint_points(bench_arm("kuka")).link.tolist() == [4, 5, 6, 7]
+
+
+def test_the_plain_model_knows_spheres() -> None:
+    """The elbow's disc of the toy in three dimensions: a ball around the circle that a position goal leaves it."""
+    robot = bench_arm("ur10")
+    pose = robot.fk(np.random.default_rng(0).uniform(-np.pi, np.pi, 6))
+    for radius, status in ((0.05, "optimal"), (2.0, "infeasible")):
+        space = Workspace(
+            Points(np.array([3]), np.zeros((1, 3)), np.zeros(1)), Balls([[0.0, 0.0, 0.2]], [radius])
+        )
+        query = Query(robot, (Goal.posed("tool", pose),), space)
+        plain, model = relaxation(query)
+        oracle = cp.Problem(cp.Minimize(cp.trace(model.Z)), plain.constraints)
+        oracle.solve(solver="CLARABEL")
+        assert oracle.status == status
+        answer = solve_query(query, Budget(1.0))
+        assert (answer.status is Status.BLOCKED) == (status == "infeasible")

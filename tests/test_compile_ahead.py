@@ -1,0 +1,92 @@
+"""Compiling ahead in a second process, with modules that only pretend to compile."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import pytest
+
+from workcell import compile_ahead as ahead
+
+_MODULE = """
+import pathlib, time
+made = pathlib.Path(__file__).with_suffix(".made")
+def kernels_ready():
+    return made.exists()
+def prepare_kernels():
+    {work}
+    made.write_text("by the process " + str(__import__("os").getpid()))
+"""
+
+needs_two_cores = pytest.mark.skipif(ahead.cores() < 2, reason="only where a core is to spare")
+
+
+@pytest.fixture
+def pretended(tmp_path, monkeypatch):
+    """Makes modules of the given names and work; nothing is on its way before or after."""
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(ahead._State, "ahead", None)
+    monkeypatch.setattr(ahead._State, "waited", 0.0)
+
+    def make(**work):
+        for name, line in work.items():
+            (tmp_path / f"{name}.py").write_text(_MODULE.format(work=line))
+            sys.modules.pop(name, None)
+        return tmp_path
+
+    yield make
+    if ahead._State.ahead is not None:
+        ahead._State.ahead._stop()
+
+
+@needs_two_cores
+def test_what_is_on_its_way_is_waited_for(pretended):
+    folder = pretended(pretend_slow="time.sleep(0.5)")
+    ahead.compile_ahead("pretend_slow")
+    before = ahead.compiling_seconds()
+    ahead.wait_for("pretend_slow")
+    assert (folder / "pretend_slow.made").read_text() != f"by the process {os.getpid()}"
+    assert ahead.compiling_seconds() > before
+
+
+@needs_two_cores
+def test_what_waits_its_turn_is_not_waited_for(pretended):
+    folder = pretended(pretend_endless="time.sleep(1000)", pretend_next="pass")
+    ahead.compile_ahead("pretend_endless", "pretend_next")
+    ahead.wait_for("pretend_next")
+    assert not (folder / "pretend_next.made").exists()
+
+
+@needs_two_cores
+def test_a_process_that_dies_keeps_nobody_waiting(pretended):
+    folder = pretended(pretend_broken="raise SystemExit(1)", pretend_after="pass")
+    ahead.compile_ahead("pretend_broken", "pretend_after")
+    ahead.wait_for("pretend_broken")
+    ahead.wait_for("pretend_after")
+    assert ahead._State.ahead._process.wait() == 1
+    assert not list(folder.glob("*.made"))
+
+
+def test_what_was_compiled_before_starts_nothing(pretended):
+    folder = pretended(pretend_ready="pass")
+    (folder / "pretend_ready.made").write_text("before")
+    ahead.compile_ahead("pretend_ready")
+    assert ahead._State.ahead is None
+    assert (folder / "pretend_ready.made").read_text() == "before"
+
+
+def test_without_anything_on_its_way_nobody_waits(pretended):
+    before = ahead.compiling_seconds()
+    ahead.wait_for(ahead.DECIDING)
+    assert ahead.compiling_seconds() == before and ahead._State.ahead is None
+
+
+@pytest.mark.parametrize("name", [ahead.TRACKING, ahead.PLANNING, ahead.SAMPLING, ahead.DECIDING])
+def test_the_modules_named_here_keep_the_agreement(name):
+    import importlib
+
+    module = importlib.import_module(name)
+    assert isinstance(module.kernels_ready(), bool)
+    assert callable(module.prepare_kernels)

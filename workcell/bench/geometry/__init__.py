@@ -1,0 +1,1 @@
+"""Benches of covers, clearances and free space."""

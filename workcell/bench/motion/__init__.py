@@ -1,0 +1,1 @@
+"""Benches of plans, tool paths and timing."""

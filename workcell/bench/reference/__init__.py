@@ -1,0 +1,1 @@
+"""What benches measure against: other methods, closed forms, planted and generated problems."""

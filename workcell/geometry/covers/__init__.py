@@ -1,0 +1,1 @@
+"""Sphere covers: outer ones that hold the geometry, inner ones inside it, and their proof."""

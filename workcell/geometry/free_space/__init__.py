@@ -1,0 +1,1 @@
+"""Free space as cuboids and polytopes that are proved to hold nothing."""

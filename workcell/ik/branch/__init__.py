@@ -1,0 +1,1 @@
+"""Joint-space branch and bound: a configuration, or a proof that there is none."""

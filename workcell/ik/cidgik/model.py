@@ -1,0 +1,189 @@
+"""An `IKProblem` in CIDGIK's terms: structure (remembered), instance, points and rules."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workcell.geometry.types import Piece
+from workcell.identity_cache import ByIdentity
+from workcell.ik.cidgik.chordal import ChordalInstance, ChordalKeeper, ChordalStructure
+from workcell.ik.cidgik.instance import Instance
+from workcell.ik.cidgik.rank import Relaxed
+from workcell.ik.cidgik.search import Kept
+from workcell.ik.cidgik.skeleton import Skeleton
+from workcell.ik.cidgik.structure import Structure
+from workcell.ik.cidgik.workspace import Keeper, Rules
+from workcell.ik.problem import IKProblem
+from workcell.ik.shared.limits import Interval
+from workcell.ik.trees.query import Balls, Goal
+from workcell.model.robot import Robot
+from workcell.pose import Array
+
+_obstacles = ByIdentity()
+
+
+@dataclass(frozen=True, slots=True)
+class StructureKey:
+    """What a structure depends on; robots and points are compared by their numbers.
+
+    Attributes:
+        numbers: of the robot, its tools, points and limits, as bytes.
+        kinds: of the goals, by tool; and the dimension.
+    """
+
+    numbers: bytes
+    kinds: tuple[Any, ...]
+    skeleton: Any = field(compare=False)
+
+
+CHORDAL_FROM = 18
+"""Order of Z from which small blocks are faster than one large one."""
+
+
+@lru_cache(maxsize=64)
+def _structure(key: StructureKey) -> Structure:
+    return Structure(key.skeleton())
+
+
+@lru_cache(maxsize=16)
+def _chordal(key: StructureKey) -> ChordalStructure:
+    return ChordalStructure(key.skeleton())
+
+
+def structure_key(
+    robot: Robot,
+    goals: tuple[Goal, ...],
+    points: tuple[NDArray[np.int64], Array],
+    interval: Interval | None,
+    dimension: int = 3,
+) -> StructureKey:
+    """What names the structure of a robot with these kinds of goals, points and joint intervals (None: they change from
+    query to query)."""
+    arrays: list[NDArray[Any]] = [robot.parents, robot.joint_xyz, robot.joint_rotation, robot.axis]
+    arrays += [robot.prismatic, *points]
+    for goal in goals:
+        tool = robot.tool(goal.tool)
+        arrays += [np.array([tool.link]), tool.T_link_tool.position, tool.T_link_tool.quat_wxyz, goal.axes]
+    if interval is not None:
+        arrays += [interval.lower, interval.upper]
+    kinds = (dimension, interval is None, *(goal.kind for goal in goals))
+    shapes = tuple(a.shape for a in arrays)
+    bounds = interval or Interval(robot.lower, robot.upper)
+
+    def skeleton() -> Skeleton:
+        return Skeleton(robot, goals, points, bounds.lower, bounds.upper, dimension, generic=interval is None)
+
+    return StructureKey(b"".join(a.tobytes() for a in arrays), (*kinds, shapes), skeleton)
+
+
+def structure_of(key: StructureKey) -> Structure:
+    """The structure in one block, built once.
+
+    Raises:
+        InputError: a robot that points and distances can't describe.
+    """
+    return _structure(key)
+
+
+def chordal_structure_of(key: StructureKey) -> ChordalStructure | None:
+    """The structure in small blocks, built once; None where one block is faster."""
+    structure = _structure(key)
+    return _chordal(key) if structure.order >= CHORDAL_FROM else None
+
+
+def _problem_key(problem: IKProblem) -> StructureKey:
+    interval = Interval.of(problem)
+    points = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
+    if _collides(problem) and problem.cover is not None:
+        points = (problem.cover.link, problem.cover.centre)
+    goals = (goal_of(problem),)
+    fixed = None if problem.max_step is not None else interval
+    return structure_key(problem.robot, goals, points, fixed)
+
+
+def relaxation_at(problem: IKProblem) -> tuple[Instance, Keeper | None]:
+    """The relaxation of a problem in one block, and the workspace over it: the cover's spheres against the obstacles,
+    spheres as such, other solids by planes (None without either).
+
+    Raises:
+        InputError: a robot that points and distances can't describe.
+    """
+    interval = Interval.of(problem)
+    goals = (goal_of(problem),)
+    instance = Instance(structure_of(_problem_key(problem)), goals, interval.middle, interval.half)
+    rules, cover = _rules(problem), problem.cover
+    if rules is None or cover is None:
+        return instance, None
+    return instance, Keeper(instance, instance.structure.points, rules, problem.robot.T_world_base)
+
+
+def fastest_relaxation_at(problem: IKProblem) -> tuple[Skeleton, Relaxed, Kept | None]:
+    """The skeleton, and the relaxation and workspace in one block or, for long chains, in many; raises likewise."""
+    chordal = None
+    if problem.self_collision is None:
+        chordal = chordal_structure_of(_problem_key(problem))
+    if chordal is None:
+        instance, keeper = relaxation_at(problem)
+        return instance.structure.skeleton, instance, keeper
+    interval = Interval.of(problem)
+    goals = (goal_of(problem),)
+    parts = ChordalInstance(chordal, goals, interval.middle, interval.half)
+    rules, cover = _rules(problem), problem.cover
+    if rules is None or cover is None:
+        return chordal.skeleton, parts, None
+    kept = ChordalKeeper(parts, cover.link, cover.centre, rules, problem.robot.T_world_base)
+    return chordal.skeleton, parts, kept
+
+
+def goal_of(problem: IKProblem) -> Goal:
+    """What of the target counts."""
+    tool, target = problem.robot.default_tool, problem.target
+    if problem.goal == "position":
+        return Goal.at(tool, target.position)
+    if problem.goal == "axis":
+        return Goal.pointing(tool, target.position, target.rotation[:, 2])
+    return Goal.posed(tool, target)
+
+
+def _rules(problem: IKProblem) -> Rules | None:
+    if not _collides(problem) or problem.cover is None:
+        return None
+    balls, solids = sorted_obstacles(problem)
+    pairs = () if problem.self_collision is None else problem.self_collision.tolist()
+    return Rules(
+        problem.cover.radius,
+        balls,
+        Balls.none(),
+        apart=tuple((int(i), int(j)) for i, j in pairs),
+        pieces=solids,
+        margin=problem.tolerances.safety_margin,
+    )
+
+
+def sorted_obstacles(problem: IKProblem) -> tuple[Balls, tuple[Piece, ...]]:
+    """The spheres among the obstacles, and the other solids; remembered."""
+    obstacles = problem.obstacles
+    if not isinstance(obstacles, tuple):
+        return _sorted(obstacles)  # a list may change between two calls
+    found: tuple[Balls, tuple[Piece, ...]] = _obstacles.get((obstacles,), lambda: _sorted(obstacles))
+    return found
+
+
+def _sorted(obstacles: Sequence[Piece]) -> tuple[Balls, tuple[Piece, ...]]:
+    spheres = [piece for piece in obstacles if piece.kind == "sphere"]
+    centres = np.array([piece.pose.position for piece in spheres]).reshape(-1, 3)
+    balls = Balls(centres, np.array([piece.size[0] for piece in spheres]))
+    return balls, tuple(piece for piece in obstacles if piece.kind != "sphere")
+
+
+def _collides(problem: IKProblem) -> bool:
+    if problem.cover is None or not len(problem.cover):
+        return False
+    pairs = 0 if problem.self_collision is None else len(problem.self_collision)
+    return len(problem.obstacles) + pairs > 0

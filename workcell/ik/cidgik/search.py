@@ -1,0 +1,248 @@
+"""CIDGIK's search: convex iteration restarted from random objectives, workspace rows added where they are broken."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from workcell.ik.cidgik.instance import Instance
+from workcell.ik.cidgik.proof import Proof, proof_of
+from workcell.ik.cidgik.rank import Blocks, Iterate, Relaxed, converge
+from workcell.ik.cidgik.recover import joint_angles
+from workcell.ik.cidgik.skeleton import Skeleton
+from workcell.ik.cidgik.workspace import Keeper
+from workcell.ik.stages import StageLog
+from workcell.pose import Array
+
+MAX_POLISH = 1e-2
+"""Radians by which polish may move a joint for the answer to count as the convex method's own."""
+ROUNDS = 8
+"""Times that rows are added within one restart."""
+PROVE_AFTER = 3
+"""Restarts after which, once, the relaxation is asked whether it is empty with every sphere that it breaks."""
+MOST_FAILURES = 3
+"""Solves without a point, and without rows that explain it, after which the search gives up."""
+NEAR_MISSES = 5
+"""Reasons that are reported."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """A polished configuration: by how much polish moved a joint, and why it is no answer (None: it is one)."""
+
+    q: Array
+    moved: float
+    refusal: str | None
+
+
+class Finisher(Protocol):
+    """Polishes and judges what the search reads from low-rank points."""
+
+    def finish(self, q: Array) -> Finished:
+        """A few steps onto the goals, then the verdict."""
+        ...
+
+    def descend(self, q: Array) -> Finished:
+        """A local search from an iterate's angles (`+lm`)."""
+        ...
+
+    def prove(self, proof: Proof) -> bool:
+        """Keep a proof if it holds; whether it does."""
+        ...
+
+
+class Kept(Protocol):
+    """The workspace over a relaxation: `Keeper`, or `ChordalKeeper`."""
+
+    @property
+    def passing(self) -> bool:
+        """Whether rows are loaded that not every solution keeps."""
+        ...
+
+    def forget_passing(self) -> None:
+        """At a restart."""
+        ...
+
+    def add_broken(self, Z: Blocks) -> int:
+        """Rows for what points break."""
+        ...
+
+    def add_cut_off(self, Z: Blocks) -> int:
+        """Rows for what Z breaks."""
+        ...
+
+
+@dataclass(slots=True)
+class Search:
+    """One run.
+
+    Attributes:
+        skeleton, instance, keeper, finisher: the robot's vectors, the relaxation, the workspace (None: nothing to
+            keep), and the judge.
+        whole: makes the relaxation in one block, and its workspace, in which proofs are given.
+        deadline: `time.process_time()` at which to stop.
+        rng: of the objectives.
+        near: (n,) a configuration to begin next to, or None.
+        local: also descend from iterates that are not of low rank.
+    """
+
+    skeleton: Skeleton
+    instance: Relaxed
+    keeper: Kept | None
+    finisher: Finisher
+    whole: Callable[[], tuple[Instance, Keeper | None]]
+    deadline: float
+    rng: np.random.Generator
+    near: Array | None = None
+    local: bool = False
+    restarts: int = 0
+    low_rank: int = 0
+    rows: int = 0
+    moved: float = 0.0
+    last: Iterate = field(default_factory=lambda: Iterate(None))
+    rejected: list[str] = field(default_factory=list)
+    error: str | None = None
+    stages: StageLog = field(default_factory=StageLog)
+
+    @property
+    def stats(self) -> dict[str, float]:
+        """Numbers about the work done."""
+        return {
+            "sdps": float(self.instance.solves),
+            "restarts": float(self.restarts),
+            "low_rank": float(self.low_rank),
+            "rows": float(self.rows),
+            "rank_gap": self.last.gap if np.isfinite(self.last.gap) else 0.0,
+            "moved": self.moved,
+        }
+
+    def over(self) -> bool:
+        """Whether the budget is spent."""
+        return time.process_time() >= self.deadline
+
+    def run(self) -> Array | None:
+        """A configuration that the finisher accepts; None when there is none, or none was found in time."""
+        failures = 0
+        while not self.over() and failures < MOST_FAILURES:
+            if self.keeper is not None:
+                self.keeper.forget_passing()
+            q = self._attempt(self._objective())
+            if q is not None:
+                return q
+            empty = self.last.Z is None and not (self.keeper is not None and self.keeper.passing)
+            if empty and self._prove(self.last):
+                return None
+            if self.instance.determined:
+                return None
+            failures = failures + 1 if empty else 0
+            if self.restarts == PROVE_AFTER and self.keeper is not None and self._prove_with_all(self.keeper):
+                return None
+        if failures == MOST_FAILURES and self.last.ray is None:
+            self.error = "Clarabel found neither a point of the relaxation nor a proof that it is empty"
+        return None
+
+    def _objective(self) -> Blocks:
+        """First toward the configuration to stay near, or the nuclear norm (C = I); then random."""
+        if self.restarts > 0:
+            return self.instance.random_objective(self.rng)
+        if self.near is None:
+            return self.instance.nuclear()
+        return self.instance.toward(self.near)
+
+    def _attempt(self, C: Blocks) -> Array | None:
+        """One restart: converge, add the rows that are broken, converge again; a configuration, if there is one."""
+        self.restarts += 1
+        for _ in range(ROUNDS):
+            for step, iterate in enumerate(converge(self.instance, C)):
+                self.last = iterate
+                self._tell(step, iterate)
+                if self.local and iterate.Z is not None and not iterate.low_rank:
+                    q = self._accepted(self.finisher.descend(self._angles(iterate.Z)))
+                    if q is not None:
+                        return q
+                if self.over():
+                    break
+            Z, next_objective = self.last.Z, self.last.C
+            if Z is None or next_objective is None or not self.last.low_rank:
+                return None
+            added = 0 if self.keeper is None else self.keeper.add_broken(Z)
+            if not added:
+                self.low_rank += 1
+                return self._accepted(self.finisher.finish(self._angles(Z)))
+            self.rows += added
+            self.stages.add("rows", note=f"{added} added for what points break")
+            C = next_objective
+        return None
+
+    def _angles(self, Z: Blocks) -> Array:
+        return joint_angles(self.skeleton, self.instance.directions(Z))
+
+    def _tell(self, step: int, iterate: Iterate) -> None:
+        """Log a solve of a convex iteration."""
+        gap = None if iterate.Z is None else iterate.gap
+        self.stages.add_point(step, gap, iterate.ray is not None, f"restart {self.restarts}")
+
+    def _accepted(self, finished: Finished) -> Array | None:
+        verdict = "accepted" if finished.refusal is None else finished.refusal
+        moved = f"polish moved a joint by {finished.moved:.1e} rad: {verdict}"
+        self.stages.add(
+            "snap and judge" if self.last.low_rank else "local descent", gap=self.last.gap, note=moved
+        )
+        if finished.refusal is None and not self.local and finished.moved > MAX_POLISH:
+            self.note(f"polish moved a joint by {finished.moved:.2g} rad from a low-rank point")
+        elif finished.refusal is not None:
+            self.note(finished.refusal)
+        else:
+            self.moved = finished.moved
+            return finished.q
+        return None
+
+    def _prove(self, empty: Iterate) -> bool:
+        """Whether the ray of an empty relaxation is a proof."""
+        if empty.ray is None:
+            return False
+        if isinstance(self.instance, Instance) and (self.keeper is None or isinstance(self.keeper, Keeper)):
+            proof = proof_of(self.instance, self.keeper, empty.ray)
+        else:
+            proof = prove_empty(*self.whole(), self.over)
+        proved = proof is not None and self.finisher.prove(proof)
+        self.stages.add("proof", note="the relaxation is empty" if proved else "too weak")
+        if proved:
+            return True
+        self.note("the relaxation is empty, but not by the margin that the tolerances need")
+        return False
+
+    def _prove_with_all(self, keeper: Kept) -> bool:
+        """Whether the relaxation is empty with every sphere that it breaks, and that can be proved."""
+        keeper.forget_passing()
+        ray = empty_with_all(self.instance, keeper, self.over)
+        return ray is not None and self._prove(Iterate(None, ray=ray))
+
+    def note(self, reason: str) -> None:
+        """Keep a reason for the report."""
+        if reason not in self.rejected and len(self.rejected) < NEAR_MISSES:
+            self.rejected.append(reason)
+
+
+def prove_empty(instance: Instance, keeper: Keeper | None, over: Callable[[], bool]) -> Proof | None:
+    """Multipliers that show a relaxation empty, with every sphere that it breaks; None where they can't be had."""
+    ray = empty_with_all(instance, keeper, over)
+    proof = None if ray is None else proof_of(instance, keeper, ray)
+    instance.release()
+    return proof
+
+
+def empty_with_all(instance: Relaxed, keeper: Kept | None, over: Callable[[], bool]) -> Array | None:
+    """Add the rows on spheres that points of the relaxation break, until it is empty (its ray) or keeps them all (None)."""
+    C = instance.nuclear()
+    while not over():
+        solution = instance.solve(C)
+        if solution.status == "infeasible":
+            return solution.z
+        if keeper is None or not solution.usable or not keeper.add_cut_off(instance.matrix(solution.x)):
+            return None
+    return None

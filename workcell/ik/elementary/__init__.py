@@ -1,0 +1,1 @@
+"""Proofs of impossibility that need no solver, and the quick look that comes before them."""

@@ -1,0 +1,1 @@
+"""HJCD-IK: sampling, coordinate descent and polish, with obstacles inside."""

@@ -1,0 +1,43 @@
+"""What solvers call: every compiled entry point, and the structures and constants that go with them."""
+
+from workcell.ik.hjcd.kernels.constrained import refine
+from workcell.ik.hjcd.kernels.free import descend_batch, polish_batch, solve_targets
+from workcell.ik.hjcd.kernels.search import (
+    ARC,
+    BEST,
+    CURVES,
+    EXHAUSTED,
+    FOUND,
+    MISSES,
+    POSES,
+    REPEATS,
+    RESTARTS,
+    SLID,
+    SPENT,
+    Memory,
+    search,
+)
+from workcell.ik.hjcd.kernels.trace import MEMORY
+from workcell.kernels.contacts import smallest_gaps
+
+__all__ = [
+    "ARC",
+    "BEST",
+    "CURVES",
+    "EXHAUSTED",
+    "FOUND",
+    "MEMORY",
+    "MISSES",
+    "POSES",
+    "REPEATS",
+    "RESTARTS",
+    "SLID",
+    "SPENT",
+    "Memory",
+    "descend_batch",
+    "polish_batch",
+    "refine",
+    "search",
+    "smallest_gaps",
+    "solve_targets",
+]

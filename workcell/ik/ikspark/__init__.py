@@ -1,0 +1,1 @@
+"""IKSPARK (Wu and Tron): inverse kinematics as rank-1 points of a convex set."""

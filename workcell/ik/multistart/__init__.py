@@ -1,0 +1,1 @@
+"""Plain multi-start local search: what every other method is measured against."""

@@ -1,0 +1,31 @@
+"""Who is told of every answered query: solvers and tasks know nothing of each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+from workcell.ik.problem import IKProblem
+from workcell.ik.result import IKResult
+
+Observer = Callable[["IKProblem", "IKResult"], None]
+
+_observer: ContextVar[Observer | None] = ContextVar("workcell_ik_observer", default=None)
+
+
+@contextmanager
+def observed(observer: Observer) -> Iterator[None]:
+    """Calls `observer(problem, result)` for every query of this thread that is answered meanwhile; the innermost counts."""
+    token = _observer.set(observer)
+    try:
+        yield
+    finally:
+        _observer.reset(token)
+
+
+def report(problem: IKProblem, result: IKResult) -> None:
+    """Tells the observer, if there is one, of an answered query."""
+    observer = _observer.get()
+    if observer is not None:
+        observer(problem, result)

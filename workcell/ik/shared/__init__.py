@@ -1,0 +1,1 @@
+"""What several solvers use: arrays for kernels, cone programs, joint intervals, polish."""

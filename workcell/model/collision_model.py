@@ -1,0 +1,312 @@
+"""The truth about collisions in a scene: signed distances of the compiled model's own geometry (`mj_geomDistance`).
+
+Deep penetration is measured poorly by MuJoCo for some pairs of shapes: trust the sign, not the depth.
+"""
+
+from __future__ import annotations
+
+import copy
+import functools
+import importlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from workcell.errors import InputError
+from workcell.model.scene import Scene
+from workcell.model.scene_parts import SceneObject, SceneRobot
+from workcell.pose import Array, Pose
+
+_FILTER_PARENT = 1 << 10
+"""MuJoCo's `mjDSBL_FILTERPARENT`, written out so that MuJoCo is not imported here."""
+_TOLERANCE = 1e-6
+"""Metres: MuJoCo's own default."""
+
+
+@dataclass(frozen=True, slots=True)
+class Distance:
+    """A signed distance in metres, the two geoms' names, and the nearest points (2, 3) in the world."""
+
+    distance: float
+    pair: tuple[str, str]
+    points: Array
+
+
+class CollisionModel:
+    """Smallest signed distance of one robot to everything else and to itself, at any configuration.
+
+    Geom pairs follow MuJoCo's own rules: contype and conaffinity, `<exclude>`, bodies welded together, parent with
+    child (unless the model disables that filter), and `<pair>`, which overrules them. Other robots and free objects stand where `qpos` has them.
+
+    Args:
+        scene: the scene.
+        robot: the robot's name; None: the only one.
+        qpos: (nq,) raw positions of everything else; None: the initial ones.
+        attached: (object name, T_tool_object): an object that the hand carries; it counts as robot.
+        ignored: bodies (names) that don't count at all, e.g. an object about to be grasped.
+        allowed_geoms: pairs of geom ids whose contact is intended, e.g. an object and the board it stands on.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        robot: str | None = None,
+        *,
+        qpos: ArrayLike | None = None,
+        attached: tuple[str, Pose] | None = None,
+        ignored: Iterable[str] = (),
+        allowed_geoms: Iterable[tuple[int, int]] = (),
+    ) -> None:
+        import mujoco
+
+        self._mujoco = mujoco
+        self.scene, self.robot = scene, scene.robot(robot)
+        self._model = scene.model
+        self._data = mujoco.MjData(scene.model)
+        self._qpos = np.array(scene.initial_qpos() if qpos is None else qpos, dtype=float)
+        self._attached: SceneObject | None = None
+        if attached is not None:
+            self._attached = scene.object(attached[0])
+            if self._attached.qpos_address is None:
+                raise InputError(
+                    f"the object {attached[0]!r} is fixed",
+                    where="attached",
+                    remedy="only free objects can be carried",
+                )
+            self._T_tool_object = attached[1]
+        moving = set(self.robot.body_ids) | (self._attached.body_ids if self._attached else set())
+        self._pairs = _colliding_pairs(scene, moving, self._attached, self.robot, ignored)
+        intended = {frozenset(pair) for pair in allowed_geoms}
+        kept = [frozenset((int(a), int(b))) not in intended for a, b in self._pairs]
+        self._pairs = self._pairs[np.array(kept, dtype=bool)]
+        self._pad = scene.model.geom_rbound.copy()
+        self._pad[self._pad == 0.0] = np.inf
+        self._boxes = scene.model.geom_aabb.copy()
+        self._boxes[np.isinf(self._pad), 3:] = np.inf
+        self._fromto = np.zeros(6)
+        self._pair_links = self._links_of(self._pairs)
+
+    def ignoring(self, bodies: Iterable[str], geoms: Iterable[str] = ()) -> CollisionModel:
+        """The same model without the pairs that some bodies, or geoms (`geom_name`; any part of a height field), belong to."""
+        skip = {self._model.body(name).id for name in bodies}
+        names = [geom_name(self._model, g) for g in range(self._model.ngeom)]
+        absent = {name if name in names else name.split("[")[0] for name in geoms}
+        body_of = self._model.geom_bodyid
+        gone = [int(body_of[g]) in skip or name in absent for g, name in enumerate(names)]
+        kept = [not (gone[a] or gone[b]) for a, b in self._pairs]
+        smaller = copy.copy(self)
+        smaller._pairs = self._pairs[np.array(kept, dtype=bool)]
+        smaller._pair_links = self._links_of(smaller._pairs)
+        return smaller
+
+    @property
+    def tolerance(self) -> float:
+        """Metres by which distances between convex shapes may be off: MuJoCo's solver stops there."""
+        return max(_TOLERANCE, float(self._model.opt.ccd_tolerance))
+
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Names of the geom pairs that are looked at."""
+        return tuple((geom_name(self._model, a), geom_name(self._model, b)) for a, b in self._pairs)
+
+    @property
+    def self_links(self) -> frozenset[tuple[int, int]]:
+        """Pairs of the robot's links, the lower first, with geoms that are looked at."""
+        links = {body: k for k, bodies in enumerate(self.robot.link_body_ids) for body in bodies}
+        owners = [
+            sorted(links.get(int(body), -1) for body in self._model.geom_bodyid[pair]) for pair in self._pairs
+        ]
+        return frozenset((a, b) for a, b in owners if 0 <= a < b)
+
+    def full_qpos(self, q: ArrayLike) -> Array:
+        """Raw positions (nq,) of the whole scene with the robot at `q` (n,), the carried object with it."""
+        qpos = np.array(self._qpos)
+        qpos[self.robot.qpos_addresses] = np.asarray(q, dtype=float)
+        if self._attached is not None and self._attached.qpos_address is not None:
+            T_world_object = self.robot.robot.fk(np.asarray(q, dtype=float)) @ self._T_tool_object
+            at = self._attached.qpos_address
+            qpos[at : at + 3] = T_world_object.position
+            qpos[at + 3 : at + 7] = T_world_object.quat_wxyz
+        return qpos
+
+    def site_pose(self, site: str, q: ArrayLike) -> Pose:
+        """World pose of one of the robot's sites (without its prefix) at `q` (n,), by MuJoCo's own kinematics."""
+        self._data.qpos[:] = self.full_qpos(q)
+        self._mujoco.mj_kinematics(self._model, self._data)
+        found = self._data.site(self.robot.prefix + site)
+        return Pose.from_rotation(found.xpos, found.xmat.reshape(3, 3))
+
+    def distance(self, q: ArrayLike, *, limit: float = 10.0) -> Distance:
+        """The smallest signed distance at `q` (n,), looked for up to `limit` metres."""
+        return self.distance_at(self.full_qpos(q), limit=limit)
+
+    def distance_at(self, qpos: ArrayLike, *, limit: float = 10.0) -> Distance:
+        """The same at raw positions (nq,)."""
+        data, model = self._data, self._model
+        data.qpos[:] = qpos
+        self._mujoco.mj_kinematics(model, data)
+        best, nearest, points = limit, (-1, -1), np.zeros((2, 3))
+        if len(self._pairs) == 0:
+            return Distance(limit, ("", ""), points)
+        near, bounds = self._lower_bounds(limit, 0.0)
+        for k in np.argsort(bounds):
+            if bounds[k] >= best:
+                break
+            a, b = (int(g) for g in self._pairs[near[k]])
+            distance = self._mujoco.mj_geomDistance(model, data, a, b, max(best, 0.0), self._fromto)
+            if distance < best:
+                best, nearest = distance, (a, b)
+                points = self._fromto.reshape(2, 3).copy()
+        names = (geom_name(model, nearest[0]), geom_name(model, nearest[1])) if nearest[0] >= 0 else ("", "")
+        return Distance(float(best), names, points)
+
+    def excess(self, q: ArrayLike, moved: Array, *, limit: float = 10.0) -> tuple[float, Distance]:
+        """By how much every pair's distance at `q` (n,) exceeds how far its links may move; the pair with the least.
+
+        Only pairs whose bounding spheres and boxes leave that open are measured, so that links that hardly move,
+        such as those next to the base, cost nothing.
+
+        Args:
+            q: configuration (n,).
+            moved: (n + 1, n + 1) metres by which points of link b may move relative to link a < b; row 0 is the world.
+            limit: distances beyond it count as it, metres.
+
+        Returns:
+            The least of distance minus motion, and the distance of that pair.
+        """
+        data, model = self._data, self._model
+        data.qpos[:] = self.full_qpos(q)
+        self._mujoco.mj_kinematics(model, data)
+        least, nearest, distance, points = limit, (-1, -1), limit, np.zeros((2, 3))
+        motion = moved[self._pair_links[:, 0], self._pair_links[:, 1]]
+        if len(self._pairs) == 0:
+            return least, Distance(distance, ("", ""), points)
+        near, bounds = self._lower_bounds(limit, motion)
+        for k in np.argsort(bounds):
+            if bounds[k] >= least:
+                break
+            (a, b), lost = (int(g) for g in self._pairs[near[k]]), float(motion[near[k]])
+            found = self._mujoco.mj_geomDistance(model, data, a, b, max(least + lost, 0.0), self._fromto)
+            if found - lost < least:
+                least, nearest, distance = found - lost, (a, b), found
+                points = self._fromto.reshape(2, 3).copy()
+        names = (geom_name(model, nearest[0]), geom_name(model, nearest[1])) if nearest[0] >= 0 else ("", "")
+        return float(least), Distance(float(distance), names, points)
+
+    def _links_of(self, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+        """For pairs of geoms the links (p, 2) that carry them, the lower first; 0 for what stands in the world."""
+        owner = {body: link for link, bodies in enumerate(self.robot.link_body_ids) for body in bodies}
+        if self._attached is not None:
+            owner |= dict.fromkeys(self._attached.body_ids, self.robot.robot.tool().link)
+        links = [[owner.get(int(self._model.geom_bodyid[g]), 0) for g in pair] for pair in pairs]
+        return np.sort(np.array(links, dtype=np.int64).reshape(-1, 2), axis=1)
+
+    def _lower_bounds(self, limit: float, motion: Array | float) -> tuple[NDArray[np.int64], Array]:
+        """The pairs that may have the smallest distance less motion, and lower bounds of it.
+
+        They come from bounding spheres and boxes. Two bounding spheres give a bound that holds for overlapping geoms
+        too; planes have none. The distance between one geom's bounding sphere and the other's bounding box is often
+        larger (a board's sphere is huge); it counts where it is positive. The distance of two centres, which lie
+        inside their convex geoms, is an upper bound.
+
+        Args:
+            limit: metres; larger values are of no interest.
+            motion: (p,) metres to subtract from the distance of each pair, or 0.
+
+        Returns:
+            (k,) rows of the pairs and (k,) bounds.
+        """
+        data, count = self._data, len(self._pairs)
+        rows, bounds = np.empty(count, dtype=np.int64), np.empty(count)
+        moved = np.full(count, motion) if np.ndim(motion) == 0 else np.ascontiguousarray(motion)
+        near = _kernels().lower_bounds(
+            data.geom_xpos,
+            data.geom_xmat,
+            self._pad,
+            self._boxes,
+            self._pairs,
+            moved,
+            float(limit),
+            rows,
+            bounds,
+        )
+        return rows[:near], bounds[:near]
+
+
+@functools.cache
+def _kernels() -> Any:
+    """Compiled kernels, imported on first use: numba takes half a second."""
+    return importlib.import_module("workcell.model.pair_bounds")
+
+
+def geom_name(model: object, geom: int) -> str:
+    """A geom's name, or its body's name and its number where it has none."""
+    name = model.geom(geom).name  # type: ignore[attr-defined]
+    if name:
+        return str(name)
+    body = int(model.geom_bodyid[geom])  # type: ignore[attr-defined]
+    return f"{model.body(body).name}#{geom - int(model.body_geomadr[body])}"  # type: ignore[attr-defined]
+
+
+def _colliding_pairs(
+    scene: Scene,
+    moving: set[int],
+    attached: SceneObject | None,
+    robot: SceneRobot,
+    ignored: Iterable[str],
+) -> NDArray[np.int64]:
+    model = scene.model
+    explicit = {frozenset((int(a), int(b))) for a, b in zip(model.pair_geom1, model.pair_geom2, strict=True)}
+    solid = [
+        g
+        for g in range(model.ngeom)
+        if model.geom_contype[g] or model.geom_conaffinity[g] or any(g in pair for pair in explicit)
+    ]
+    body_of = model.geom_bodyid
+    skip = {model.body(name).id for name in ignored}
+    excluded = {(int(s) >> 16, int(s) & 0xFFFF) for s in model.exclude_signature}
+    carriers = _hand_bodies(robot) if attached is not None else frozenset()
+    pairs = []
+    for i, first in enumerate(solid):
+        for second in solid[i + 1 :]:
+            a, b = int(body_of[first]), int(body_of[second])
+            if (a not in moving and b not in moving) or a in skip or b in skip:
+                continue
+            filtered = (a, b) in excluded or (b, a) in excluded or _never_collides(model, first, second)
+            if filtered and frozenset((first, second)) not in explicit:
+                continue
+            if attached is not None and _is_grip(a, b, attached, carriers):
+                continue
+            pairs.append((first, second))
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+
+def _hand_bodies(robot: SceneRobot) -> frozenset[int]:
+    """Bodies that the tool's link carries: the hand may touch what it holds."""
+    return frozenset(robot.link_body_ids[robot.robot.tool().link])
+
+
+def _is_grip(a: int, b: int, attached: SceneObject, carriers: frozenset[int]) -> bool:
+    inside = attached.body_ids
+    return (a in inside and b in carriers) or (b in inside and a in carriers) or (a in inside and b in inside)
+
+
+def _never_collides(model: object, first: int, second: int) -> bool:
+    """MuJoCo's own filter: bit masks, geoms of one rigid body, and parent with child (unless the parent is static,
+    or the model disables `filterparent`)."""
+    m = model
+    contype, conaffinity = m.geom_contype, m.geom_conaffinity  # type: ignore[attr-defined]
+    if not (contype[first] & conaffinity[second] or contype[second] & conaffinity[first]):
+        return True
+    weld = m.body_weldid  # type: ignore[attr-defined]
+    a, b = int(weld[m.geom_bodyid[first]]), int(weld[m.geom_bodyid[second]])  # type: ignore[attr-defined]
+    if a == b:
+        return True
+    if m.opt.disableflags & _FILTER_PARENT:  # type: ignore[attr-defined]
+        return False
+    parent = m.body_parentid  # type: ignore[attr-defined]
+    parent_a, parent_b = int(weld[parent[a]]), int(weld[parent[b]])
+    return a != 0 and b != 0 and (a == parent_b or b == parent_a)

@@ -1,0 +1,242 @@
+"""The parts of a compiled `Scene` from a task file or a cell: robots and objects are attached with `MjSpec.attach`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from workcell.errors import InputError, ModelError, UnknownNameError
+from workcell.model.loading.actuators import actuator_of_joint
+from workcell.model.loading.assets import find_asset, find_task, is_path, list_assets, list_tasks
+from workcell.model.loading.compiled import link_bodies, robot_from_model
+from workcell.model.loading.load import compile_spec, load_spec
+from workcell.model.loading.placing import cell_site
+from workcell.model.loading.taskfile import ObjectEntry, RobotEntry, TaskFile, read_task_file
+from workcell.model.scene_parts import SceneObject, SceneRobot
+
+if TYPE_CHECKING:
+    import mujoco
+
+GRASP = "grasp:{robot}:{object}"
+"""Name of the weld, inactive at first, that holds an object to a robot's hand once the simulation grasps it."""
+
+
+def task_of(source: str | Path, robot: str | None) -> TaskFile:
+    """The task file of `source`; a cell alone becomes a task without goals."""
+    text = str(source)
+    if text.endswith((".toml", ".py")) or text in list_tasks():
+        task = read_task_file(find_task(source))
+        if robot is None:
+            return task
+        if len(task.robots) != 1:
+            raise InputError(
+                f"the task {task.name} has {len(task.robots)} robots",
+                where="robot",
+                remedy="change its task file",
+            )
+        entry = task.robots[0]
+        if robot == entry.model:
+            return task
+        # a robot that is called after its model is called after the other one now, by the goals too
+        name = Path(robot).stem if entry.name == entry.model else entry.name
+        goals = tuple(replace(goal, robot=name) if goal.robot == entry.name else goal for goal in task.goals)
+        other = replace(entry, name=name, model=robot, start=None, gripper_site="tool")
+        return replace(task, robots=(other,), goals=goals)
+    if text not in list_assets("cells") and not is_path(text):
+        raise UnknownNameError("task or cell", text, [*list_tasks(), *list_assets("cells")])
+    path = find_asset("cells", source)
+    robots = () if robot is None else (RobotEntry(Path(robot).stem, robot),)
+    return TaskFile(path, path.stem, str(path), robots)
+
+
+def attach_robot(spec: mujoco.MjSpec, entry: RobotEntry, task: TaskFile) -> dict[str, float]:
+    """Mount a robot (and its gripper) in the cell; returns its home values by joint name."""
+    where = f"{task.path}: robot {entry.name!r}"
+    arm = load_spec(entry.model, relative_to=task.path.parent, where=f"{where} model")
+    home = _take_home(arm, entry.model)
+    if entry.gripper is not None:
+        gripper = load_spec(entry.gripper, relative_to=task.path.parent, where=f"{where} gripper")
+        home |= {f"gripper/{joint}": value for joint, value in _take_home(gripper, entry.gripper).items()}
+        site = arm.site(entry.gripper_site)
+        if site is None:
+            raise UnknownNameError(
+                "site", entry.gripper_site, [s.name for s in arm.sites], where=f"{task.path}: gripper_site"
+            )
+        arm.attach(gripper, site=site, prefix="gripper/")
+    mount = entry.mount or ("robot_mount" if spec.site("robot_mount") is not None else None)
+    prefix = f"{entry.name}/"
+    if mount is None:
+        spec.attach(arm, frame=spec.worldbody.add_frame(), prefix=prefix)
+    else:
+        spec.attach(
+            arm, site=cell_site(spec, mount, f"{task.path}: robot {entry.name!r} mount"), prefix=prefix
+        )
+    return home
+
+
+def _take_home(spec: mujoco.MjSpec, where: str) -> dict[str, float]:
+    """Values of the keyframe `home` by joint name; keyframes are removed, as they don't fit the larger model."""
+    home: dict[str, float] = {}
+    if list(spec.keys):
+        model = compile_spec(spec, where)
+        for key in range(model.nkey):
+            if model.key(key).name == "home":
+                home = {
+                    model.joint(j).name: float(model.key_qpos[key, model.jnt_qposadr[j]])
+                    for j in range(model.njnt)
+                }
+        for spec_key in list(spec.keys):
+            spec.delete(spec_key)
+    return home
+
+
+def robots_inside(spec: mujoco.MjSpec, task: TaskFile) -> TaskFile:
+    """A cell file that holds its robot: of the bodies with actuated joints that with a site `tool`; doors have none.
+
+    Raises:
+        ModelError: several robots.
+    """
+    import mujoco
+
+    moving = {a.target for a in spec.actuators if a.trntype == mujoco.mjtTrn.mjTRN_JOINT}
+    driven = [
+        root for root in spec.worldbody.bodies if moving & {joint.name for joint in root.find_all("joint")}
+    ]
+    sites = {root.name: [site.name.rsplit("/", 1)[-1] for site in root.find_all("site")] for root in driven}
+    named = [name for name, inside in sites.items() if "tool" in inside]
+    if len(named) > 1:
+        raise ModelError(
+            f"the cell holds {len(named)} robots: {', '.join(named)}",
+            where=task.path,
+            remedy="leave one, or give each a file of its own and put them together in a task file",
+        )
+    found = named or [name for name, inside in sites.items() if inside] or list(sites)
+    return replace(task, robots=(RobotEntry(found[0], ""),)) if found else task
+
+
+def add_grasp_welds(spec: mujoco.MjSpec, task: TaskFile) -> None:
+    """A weld, inactive at first, between every hand and every free object: what a grasp switches on."""
+    import mujoco
+
+    for robot in task.robots:
+        hand = _hand_body(spec, robot)
+        for thing in task.objects:
+            if hand is None or thing.fixed:
+                continue
+            root = next(b.name for b in spec.worldbody.bodies if b.name.startswith(f"{thing.name}/"))
+            weld = spec.add_equality(
+                name=GRASP.format(robot=robot.name, object=thing.name),
+                type=mujoco.mjtEq.mjEQ_WELD,
+                objtype=mujoco.mjtObj.mjOBJ_BODY,
+                name1=hand,
+                name2=root,
+            )
+            weld.active = False
+
+
+def _hand_body(spec: mujoco.MjSpec, robot: RobotEntry) -> str | None:
+    """The body that carries the gripper's tool site."""
+    if robot.gripper is None:
+        return None
+    for site in spec.sites:
+        if site.name == f"{robot.name}/gripper/tool":
+            return str(site.parent.name)
+    return None
+
+
+def scene_robot(
+    model: mujoco.MjModel, entry: RobotEntry, home: dict[str, float], task: TaskFile
+) -> SceneRobot:
+    """Where a robot of the task lives in the compiled model; `home` by joint name, from its keyframe."""
+    prefix = f"{entry.name}/" if entry.model else ""
+    robot = robot_from_model(model, prefix=prefix, name=entry.name, where=task.path)
+    values = [home.get(joint, robot.home[k]) for k, joint in enumerate(robot.joint_names)]
+    robot = replace(robot, home=np.array(values))
+    start = robot.home
+    if entry.start is not None:
+        where = f"{task.path}: robot {entry.name!r} start"
+        start = robot.configuration(np.array(entry.start), where=where)
+        robot.check_limits(start, where=where)
+    joints = [model.joint(prefix + name).id for name in robot.joint_names]
+    links = link_bodies(model, robot, prefix)
+    bodies = frozenset(body for link in links for body in link)
+    if not prefix:
+        bodies = _subtree(model, robot.link_names[0])
+        links = tuple(tuple(body for body in link if body in bodies) for link in links)
+    return SceneRobot(
+        name=entry.name,
+        prefix=prefix,
+        robot=robot,
+        body_ids=bodies,
+        link_body_ids=links,
+        qpos_addresses=np.array([model.jnt_qposadr[j] for j in joints]),
+        dof_addresses=np.array([model.jnt_dofadr[j] for j in joints]),
+        actuator_ids=np.array([actuator_of_joint(model, j) for j in joints]),
+        gripper=_gripper_actuator(model, prefix, robot.joint_names),
+        start=start,
+        fingers=_fingers(model, bodies - set(model.jnt_bodyid[joints].tolist()), prefix, home),
+    )
+
+
+def _fingers(
+    model: mujoco.MjModel, bodies: frozenset[int], prefix: str, home: dict[str, float]
+) -> tuple[tuple[int, float], ...]:
+    """(address in qpos, home value) of the hinges and slides of some bodies; without a keyframe they begin at `qpos0`."""
+    import mujoco
+
+    found = []
+    for joint in range(model.njnt):
+        single = int(model.jnt_type[joint]) in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+        if single and int(model.jnt_bodyid[joint]) in bodies:
+            address = int(model.jnt_qposadr[joint])
+            name = str(model.joint(joint).name).removeprefix(prefix)
+            found.append((address, home.get(name, float(model.qpos0[address]))))
+    return tuple(found)
+
+
+def _gripper_actuator(model: mujoco.MjModel, prefix: str, joints: tuple[str, ...]) -> str | None:
+    for actuator in range(model.nu):
+        name = str(model.actuator(actuator).name)
+        if (
+            name.startswith(prefix)
+            and name.rsplit("/", 1)[-1] == "gripper"
+            and name.removeprefix(prefix) not in joints
+        ):
+            return name
+    return None
+
+
+def scene_object(model: mujoco.MjModel, entry: ObjectEntry) -> SceneObject:
+    """Where an object of the task lives in the compiled model."""
+    prefix = f"{entry.name}/"
+    bodies = frozenset(b for b in range(1, model.nbody) if model.body(b).name.startswith(prefix))
+    root = min(bodies)
+    address = None if entry.fixed else int(model.jnt_qposadr[model.body_jntadr[root]])
+    return SceneObject(entry.name, root, bodies, address)
+
+
+def _subtree(model: mujoco.MjModel, root: str) -> frozenset[int]:
+    inside = {model.body(root).id}
+    for body in range(model.nbody):
+        if int(model.body_parentid[body]) in inside:
+            inside.add(body)
+    return frozenset(inside)
+
+
+def obstacles_of(
+    model: mujoco.MjModel, robots: dict[str, SceneRobot], objects: dict[str, SceneObject]
+) -> tuple[str, ...]:
+    """Names of the fixed bodies with collision geometry that belong to no robot and no object."""
+    taken = {b for r in robots.values() for b in r.body_ids} | {
+        b for o in objects.values() for b in o.body_ids
+    }
+    names = []
+    for body in range(model.nbody):
+        first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
+        solid = any(model.geom_contype[g] or model.geom_conaffinity[g] for g in range(first, first + count))
+        if body not in taken and solid:
+            names.append(str(model.body(body).name))
+    return tuple(names)

@@ -1,0 +1,297 @@
+"""The `Robot` inside a compiled MuJoCo model: joints, limits, tools and link bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from workcell.errors import ModelError, UnknownNameError
+from workcell.model.loading.actuators import actuator_of_joint, effort_limits
+from workcell.model.robot import Robot, Tool
+from workcell.pose import Array, Pose, axis_angle_to_matrix
+
+if TYPE_CHECKING:
+    import mujoco
+
+VELOCITY, ACCELERATION = ":velocity", ":acceleration"
+"""Suffixes of the `<numeric>` elements that carry a joint's limits, which MJCF itself has no attribute for."""
+
+
+def robot_from_model(
+    model: mujoco.MjModel,
+    *,
+    prefix: str = "",
+    name: str = "robot",
+    tool: str | None = None,
+    where: str | Path | None = None,
+) -> Robot:
+    """The actuated joints between a robot's root body and its tool, as a `Robot`.
+
+    The tool is a site: `tool` if named (with or without the prefix); else the site called `tool` that lies deepest
+    (a gripper's hides the arm's own); else the deepest site. All other sites on those links are tools too.
+
+    Args:
+        model: compiled model that holds the robot.
+        prefix: what the robot's elements are prefixed with.
+        name: the robot's name in messages.
+        tool: a site's name.
+        where: the file, for messages.
+
+    Raises:
+        ModelError: no actuated joint, no site, or a joint that is neither hinge nor slide on the way to the tool.
+        UnknownNameError: no site of that name.
+    """
+    bodies = _bodies_with_prefix(model, prefix)
+    if not bodies:
+        raise ModelError(f"no body has the prefix {prefix!r}", where=where)
+    if not any(_is_actuated(model, joint) for body in bodies for joint in _joints_of(model, body)):
+        raise ModelError(
+            f"the robot {name!r} has no actuated joint",
+            where=where,
+            remedy="add an <actuator> with a <motor joint=...> for every joint that workcell may move",
+        )
+    site = _tool_site(model, bodies, prefix, tool, name, where)
+    path = _body_path(model, int(model.site_bodyid[site]), bodies)
+    walk = _walk(model, path, name, where)
+    tools = _tools(model, bodies, prefix, walk)
+    joint_names = tuple(model.joint(j).name.removeprefix(prefix) for j in walk.joints)
+    count = len(walk.joints)
+    home = [_home_value(model, j, prefix) for j in walk.joints]
+    lower, upper = _limits(model, walk.joints, where)
+    return Robot(
+        name=name,
+        joint_names=joint_names,
+        link_names=(
+            model.body(path[0]).name.removeprefix(prefix),
+            *(model.body(int(model.jnt_bodyid[j])).name.removeprefix(prefix) for j in walk.joints),
+        ),
+        parents=np.arange(count),
+        joint_xyz=np.array(walk.xyz).reshape(-1, 3),
+        joint_rotation=np.array(walk.rotation).reshape(-1, 3, 3),
+        axis=np.array([model.jnt_axis[j] for j in walk.joints]),
+        prismatic=np.array([int(model.jnt_type[j]) == _slide() for j in walk.joints]),
+        lower=lower,
+        upper=upper,
+        velocity=_numeric_limits(model, walk.joints, VELOCITY, where),
+        acceleration=_numeric_limits(model, walk.joints, ACCELERATION, where),
+        effort=effort_limits(model, walk.joints),
+        tools=tools,
+        default_tool=model.site(site).name.removeprefix(prefix),
+        T_world_base=_pose_of_fixed_body(model, path[0]),
+        home=np.array(home),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Walk:
+    """The actuated joints on a body path, with the pose of every body of the path in its link's frame."""
+
+    joints: list[int]
+    xyz: list[Array]
+    rotation: list[Array]
+    link_of_body: dict[int, int]
+    T_link_body: dict[int, Pose]
+
+
+def _walk(model: mujoco.MjModel, path: Sequence[int], name: str, where: str | Path | None) -> _Walk:
+    """Follow the bodies from the root, folding fixed transforms; a link's frame sits at its joint's anchor."""
+    walk = _Walk([], [], [], {path[0]: 0}, {path[0]: Pose.identity()})
+    T_link_body = Pose.identity()
+    for body in path:
+        if body != path[0]:
+            T_link_body = T_link_body @ Pose(model.body_pos[body], model.body_quat[body])
+        for joint in _joints_of(model, body):
+            if not _is_actuated(model, joint) or int(model.jnt_type[joint]) not in (_hinge(), _slide()):
+                kind = "is not actuated" if not _is_actuated(model, joint) else "is neither hinge nor slide"
+                raise ModelError(
+                    f"joint {model.joint(joint).name!r} lies between the base of {name} and its tool, but {kind}",
+                    where=where,
+                    remedy="workcell plans for actuated hinge and slide joints",
+                )
+            anchor, axis = model.jnt_pos[joint], model.jnt_axis[joint]
+            reference = float(model.qpos0[model.jnt_qposadr[joint]])
+            slide = int(model.jnt_type[joint]) == _slide()
+            walk.joints.append(joint)
+            offset = anchor - (reference * axis if slide else 0.0)
+            walk.xyz.append(T_link_body.apply(offset))
+            turn = np.eye(3) if slide else axis_angle_to_matrix(axis, -reference)
+            walk.rotation.append(T_link_body.rotation @ turn)
+            T_link_body = Pose.from_xyz(-np.asarray(anchor))
+        walk.link_of_body[body] = len(walk.joints)
+        walk.T_link_body[body] = T_link_body
+    if not walk.joints:
+        raise ModelError(f"no actuated joint moves the tool of {name}", where=where)
+    return walk
+
+
+def _tools(model: mujoco.MjModel, bodies: set[int], prefix: str, walk: _Walk) -> dict[str, Tool]:
+    tools = {}
+    for site in range(model.nsite):
+        body = int(model.site_bodyid[site])
+        name = model.site(site).name
+        if body not in bodies or not name:
+            continue
+        T = Pose(model.site_pos[site], model.site_quat[site])
+        while body not in walk.link_of_body and body in bodies and not _joints_of(model, body):
+            T = Pose(model.body_pos[body], model.body_quat[body]) @ T
+            body = int(model.body_parentid[body])
+        if body in walk.link_of_body:
+            name = name.removeprefix(prefix)
+            tools[name] = Tool(name, walk.link_of_body[body], walk.T_link_body[body] @ T)
+    return tools
+
+
+def is_gripper(model: mujoco.MjModel) -> bool:
+    """Whether a model by itself is a hand: its one actuator, `gripper`, drives no joint directly; or a tool without joints.
+
+    A tool without joints is a body with a site `tool`, such as a stylus.
+    """
+    actuators = [model.actuator(i).name for i in range(model.nu)]
+    if not actuators and model.njnt == 0:
+        return any(model.site(site).name == "tool" for site in range(model.nsite))
+    driven = any(actuator_of_joint(model, joint) is not None for joint in range(model.njnt))
+    return actuators == ["gripper"] and not driven
+
+
+def link_bodies(model: mujoco.MjModel, robot: Robot, prefix: str) -> tuple[tuple[int, ...], ...]:
+    """For each link of a robot, the MuJoCo bodies that it carries (a gripper's fingers with the hand)."""
+    moved = {
+        model.body(int(model.joint(prefix + joint).bodyid[0])).id: k + 1
+        for k, joint in enumerate(robot.joint_names)
+    }
+    links: list[list[int]] = [[] for _ in robot.link_names]
+    bodies = _bodies_with_prefix(model, prefix)
+    for body in sorted(bodies):
+        ancestor = body
+        while ancestor in bodies and ancestor not in moved:
+            ancestor = int(model.body_parentid[ancestor])
+        links[moved.get(ancestor, 0)].append(body)
+    return tuple(tuple(link) for link in links)
+
+
+def _tool_site(
+    model: mujoco.MjModel,
+    bodies: set[int],
+    prefix: str,
+    tool: str | None,
+    name: str,
+    where: str | Path | None,
+) -> int:
+    sites = {
+        model.site(s).name: s
+        for s in range(model.nsite)
+        if int(model.site_bodyid[s]) in bodies and model.site(s).name
+    }
+    if tool is not None:
+        for candidate in (tool, prefix + tool):
+            if candidate in sites:
+                return sites[candidate]
+        raise UnknownNameError("tool site", tool, [s.removeprefix(prefix) for s in sites], where=where)
+    if not sites:
+        raise ModelError(
+            f"the robot {name!r} has no site",
+            where=where,
+            remedy='add <site name="tool"/> to the link that carries the tool',
+        )
+
+    def depth(item: tuple[str, int]) -> tuple[bool, int]:
+        return item[0].rsplit("/", 1)[-1] == "tool", len(
+            _body_path(model, int(model.site_bodyid[item[1]]), bodies)
+        )
+
+    return max(sites.items(), key=depth)[1]
+
+
+def _bodies_with_prefix(model: mujoco.MjModel, prefix: str) -> set[int]:
+    return {b for b in range(1, model.nbody) if model.body(b).name.startswith(prefix)}
+
+
+def _body_path(model: mujoco.MjModel, body: int, bodies: set[int]) -> list[int]:
+    path = []
+    while body in bodies:
+        path.append(body)
+        body = int(model.body_parentid[body])
+    return path[::-1]
+
+
+def _joints_of(model: mujoco.MjModel, body: int) -> range:
+    first = int(model.body_jntadr[body])
+    return range(first, first + int(model.body_jntnum[body])) if first >= 0 else range(0)
+
+
+def _is_actuated(model: mujoco.MjModel, joint: int) -> bool:
+    return actuator_of_joint(model, joint) is not None
+
+
+def _limits(model: mujoco.MjModel, joints: Sequence[int], where: str | Path | None) -> tuple[Array, Array]:
+    """Position limits; an unlimited hinge gets one turn either way of zero, since workcell needs finite limits."""
+    lower, upper = [], []
+    for joint in joints:
+        limited = bool(model.jnt_limited[joint])
+        slide = int(model.jnt_type[joint]) == _slide()
+        if not model.jnt_range[joint, 0] <= model.jnt_range[joint, 1]:  # MuJoCo takes the joint for unlimited
+            raise ModelError(
+                f"the range of joint {model.joint(joint).name!r} is {model.jnt_range[joint].tolist()}",
+                where=where,
+                remedy="the lower limit, then the upper one",
+            )
+        if not limited and slide:
+            raise ModelError(
+                f"slide joint {model.joint(joint).name!r} has no limits",
+                where=where,
+                remedy="give its range in the model file",
+            )
+        low, high = model.jnt_range[joint] if limited else (-2 * np.pi, 2 * np.pi)
+        lower.append(low)
+        upper.append(high)
+    return np.array(lower), np.array(upper)
+
+
+def _numeric_limits(
+    model: mujoco.MjModel, joints: Sequence[int], suffix: str, where: str | Path | None
+) -> Array:
+    names = {model.numeric(i).name: i for i in range(model.nnumeric)}
+    values = []
+    for joint in joints:
+        numeric = names.get(model.joint(joint).name + suffix)
+        value = np.inf if numeric is None else float(model.numeric_data[model.numeric_adr[numeric]])
+        if not value > 0:
+            raise ModelError(
+                f"the limit {model.joint(joint).name + suffix!r} is {value:g}",
+                where=where,
+                remedy="a positive number",
+            )
+        values.append(value)
+    return np.array(values)
+
+
+def _home_value(model: mujoco.MjModel, joint: int, prefix: str) -> float:
+    address = int(model.jnt_qposadr[joint])
+    for key in range(model.nkey):
+        if model.key(key).name == prefix + "home":
+            return float(model.key_qpos[key, address])
+    return float(model.qpos0[address])
+
+
+def _pose_of_fixed_body(model: mujoco.MjModel, body: int) -> Pose:
+    pose = Pose.identity()
+    while body > 0:
+        pose = Pose(model.body_pos[body], model.body_quat[body]) @ pose
+        body = int(model.body_parentid[body])
+    return pose
+
+
+def _hinge() -> int:
+    import mujoco
+
+    return int(mujoco.mjtJoint.mjJNT_HINGE)
+
+
+def _slide() -> int:
+    import mujoco
+
+    return int(mujoco.mjtJoint.mjJNT_SLIDE)

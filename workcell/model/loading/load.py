@@ -1,0 +1,195 @@
+"""Model files to `MjSpec` and to `Robot`: one door for our own robots, and for any MJCF or URDF that users bring."""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree
+
+import numpy as np
+
+from workcell.errors import ModelError
+from workcell.model.loading.assets import AssetKind, find_asset
+from workcell.model.loading.compiled import VELOCITY, robot_from_model
+from workcell.model.robot import Robot
+
+if TYPE_CHECKING:
+    import mujoco
+
+
+_READABLE = (".xml", ".mjcf", ".urdf")
+
+
+def load_spec(
+    name: str | Path,
+    *,
+    kind: AssetKind = "robots",
+    relative_to: Path | None = None,
+    where: str | None = None,
+) -> mujoco.MjSpec:
+    """The editable MuJoCo model of an asset name, an MJCF file or a URDF file.
+
+    A URDF gets a torque actuator on every moving joint, since URDF has none, and keeps its velocity limits; its
+    `package://` references are looked for in the folders above the file.
+
+    Args:
+        name: of an asset, or the path of a file.
+        kind: of asset.
+        relative_to: folder that relative paths start from; the working directory otherwise.
+        where: what names the model, for messages.
+
+    Raises:
+        ModelError: missing or malformed file, with MuJoCo's own message; UnknownNameError: no asset of that name.
+    """
+    import mujoco
+
+    path = find_asset(kind, name, relative_to=relative_to, where=where)
+    if path.suffix.lower() not in _READABLE:
+        raise ModelError(
+            "this is not the name of a model file", where=path, remedy=f"it ends in {', '.join(_READABLE)}"
+        )
+    try:
+        with quiet_mujoco():
+            if path.suffix.lower() == ".urdf" or "<robot" in path.read_text(errors="replace")[:2000]:
+                return _load_urdf(path)
+            if path.suffix.lower() == ".xml":
+                spec = mujoco.MjSpec.from_file(str(path))
+            else:
+                spec = mujoco.MjSpec.from_string(path.read_text(encoding="utf-8"))
+        _make_asset_paths_absolute(spec, path)
+    except UnicodeDecodeError:
+        raise ModelError(
+            "this is not a text file", where=path, remedy="an MJCF or URDF file is one"
+        ) from None
+    except (ValueError, OSError, mujoco.FatalError) as error:
+        raise ModelError(
+            f"MuJoCo can't read this file: {_one_line(error)}", where=path, remedy="mend the file"
+        ) from None
+    return spec
+
+
+def compile_spec(spec: mujoco.MjSpec, where: str | Path) -> mujoco.MjModel:
+    """Compile, turning MuJoCo's error into a ModelError that names `where`."""
+    import mujoco
+
+    try:
+        with quiet_mujoco():
+            model = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise ModelError(f"MuJoCo can't compile this model: {_one_line(error)}", where=where) from None
+    for kind in ("body", "geom", "site"):
+        places = np.hstack([getattr(model, f"{kind}_pos"), getattr(model, f"{kind}_quat")])
+        for index in np.flatnonzero(~np.isfinite(places).all(axis=1)):
+            name = getattr(model, kind)(int(index)).name or f"number {index}"
+            raise ModelError(f"the pose of {kind} {name!r} is not finite", where=where)
+    return model
+
+
+@contextmanager
+def quiet_mujoco() -> Iterator[None]:
+    """Without MuJoCo's warnings, which go to the console and to a log file in the working directory.
+
+    They tell that a robot's simulation options differ from its cell's; the cell's hold.
+    """
+    import mujoco
+
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+def load_robot(name: str | Path, tool: str | None = None) -> Robot:
+    """The kinematics of a robot file: base at the world's origin, as the file has it.
+
+    Raises:
+        ModelError, UnknownNameError: as `load_spec` and `robot_from_model`.
+    """
+    return load_compiled(name, tool)[1]
+
+
+def load_compiled(name: str | Path, tool: str | None = None) -> tuple[mujoco.MjModel, Robot]:
+    """A robot file compiled by itself, and its kinematics; raises as `load_robot`."""
+    path = find_asset("robots", name)
+    model = compile_spec(load_spec(path), path)
+    return model, robot_from_model(model, name=path.stem, tool=tool, where=path)
+
+
+def _make_asset_paths_absolute(spec: mujoco.MjSpec, path: Path) -> None:
+    """Mesh files stay findable after the spec is attached to a model that lives in another folder."""
+    for attribute in ("meshdir", "texturedir"):
+        folder = Path(getattr(spec, attribute) or ".")
+        setattr(spec, attribute, str(folder if folder.is_absolute() else path.parent / folder))
+
+
+def _load_urdf(path: Path) -> mujoco.MjSpec:
+    import mujoco
+
+    text = re.sub(
+        r"package://[^/\"']+/([^\"']+)", lambda m: str(_find_package_file(path, m.group(1))), path.read_text()
+    )
+    spec = mujoco.MjSpec.from_string(text)
+    spec.compiler.discardvisual = False
+    spec.compiler.fusestatic = False
+    spec.meshdir = spec.texturedir = str(path.parent)
+    for joint in spec.joints:
+        if joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+            spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    for name, velocity in _velocity_limits(text, path).items():
+        spec.add_numeric(name=name + VELOCITY, data=[velocity])
+    if not list(spec.sites):
+        leaf = max(spec.bodies, key=lambda body: len(_spec_ancestors(body)))
+        leaf.add_site(name="tool")
+    return spec
+
+
+def _velocity_limits(urdf: str, path: Path) -> dict[str, float]:
+    """The velocity limits of a URDF's joints by name, where it gives them; MuJoCo leaves them out."""
+    limits = {}
+    for joint in ElementTree.fromstring(urdf).findall("joint"):
+        limit = joint.find("limit")
+        text = None if limit is None else limit.get("velocity")
+        if text is None or joint.get("type") not in ("revolute", "continuous", "prismatic"):
+            continue
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not 0 <= value < math.inf:
+            raise ModelError(
+                f"joint {joint.get('name')!r} has the velocity limit {text!r}", where=path, remedy="a number"
+            )
+        if value > 0:  # exporters write 0 where they know none
+            limits[str(joint.get("name"))] = value
+    return limits
+
+
+def _spec_ancestors(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:
+    ancestors = []
+    while body is not None and body.name != "world":
+        ancestors.append(body)
+        body = body.parent
+    return ancestors
+
+
+def _find_package_file(urdf: Path, relative: str) -> Path:
+    for folder in urdf.parents:
+        for candidate in (folder / relative, folder / Path(relative).name):
+            if candidate.is_file():
+                return candidate
+    raise ModelError(
+        f"the file package://.../{relative} is not to be found", where=urdf, remedy="put it beside the URDF"
+    )
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())

@@ -1,0 +1,83 @@
+"""What a scene is made of: its robots, objects and goals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workcell.errors import UnknownNameError
+from workcell.model.robot import Robot
+from workcell.pose import Array, Pose, read_only
+
+if TYPE_CHECKING:
+    import mujoco
+
+
+@dataclass(frozen=True, slots=True)
+class SceneRobot:
+    """One robot of a scene, and where it lives in the compiled model.
+
+    Attributes:
+        name: its name in the scene.
+        prefix: of all its elements in the compiled model, e.g. `sawyer/`.
+        robot: its kinematics, with the base where it is mounted.
+        body_ids: all its bodies, gripper included.
+        link_body_ids: for each link, the bodies that it carries.
+        qpos_addresses, dof_addresses, actuator_ids: (n,) in the robot's joint order.
+        gripper: name of the actuator that closes its gripper, or None.
+        start: (n,) configuration at the start of the task.
+        fingers: (address in qpos, home value) of the joints that are not planned for: the gripper's.
+    """
+
+    name: str
+    prefix: str
+    robot: Robot
+    body_ids: frozenset[int]
+    link_body_ids: tuple[tuple[int, ...], ...]
+    qpos_addresses: NDArray[np.int64]
+    dof_addresses: NDArray[np.int64]
+    actuator_ids: NDArray[np.int64]
+    gripper: str | None
+    start: Array
+    fingers: tuple[tuple[int, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "start", read_only(self.start))
+        for name in ("qpos_addresses", "dof_addresses", "actuator_ids"):
+            object.__setattr__(self, name, read_only(getattr(self, name), np.int64))
+
+
+@dataclass(frozen=True, slots=True)
+class SceneObject:
+    """A thing that a task handles; `qpos_address` of its free joint is None when it is fixed."""
+
+    name: str
+    body_id: int
+    body_ids: frozenset[int]
+    qpos_address: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """A named pose `T_world_tool` for a robot's tool."""
+
+    name: str
+    robot: str
+    pose: Pose
+
+
+def site_pose(model: mujoco.MjModel, name: str, qpos: Array, where: str | Path) -> Pose:
+    """World pose of a site at raw positions (nq,); raises UnknownNameError with the model's sites."""
+    import mujoco
+
+    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
+    if site < 0:
+        raise UnknownNameError("site", name, [model.site(i).name for i in range(model.nsite)], where=where)
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(model, data)
+    return Pose.from_rotation(data.site_xpos[site], data.site_xmat[site].reshape(3, 3))

@@ -1,0 +1,1 @@
+"""Collision-free joint motions between configurations, and to poses."""

@@ -1,0 +1,110 @@
+"""Goal configurations of a motion to a pose: sampled by inverse kinematics, a round at a time."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from workcell.ik.hjcd.solver import collect_solutions
+from workcell.ik.judge.verify import Verifier
+from workcell.ik.problem import Budget, IKProblem
+from workcell.motion.body import BodyClearance, Upright
+from workcell.pose import Array
+
+ROOM = 5e-4
+"""Metres that a path keeps clear where its ends do: what the proofs, ours and others', are easy with."""
+GOALS = 6
+"""Goal configurations of the first round; every further round has twice as many."""
+_LONGEST = 0.2
+"""CPU seconds for one of them, at most."""
+_PULL = 0.3
+"""Share of the way from a goal to the corner before it where a nearer goal is looked for."""
+
+
+class Goals:
+    """The goal configurations found so far.
+
+    Args:
+        problem: whose target is to be reached.
+        clearance: of a configuration, in the planner's model.
+        upright: limit on the tool's orientation.
+        seed: of the first; every further one has the next.
+
+    Attributes:
+        rows: (n,) each.
+        least: the smallest of their clearances, metres; inf without any.
+    """
+
+    def __init__(
+        self, problem: IKProblem, clearance: BodyClearance, upright: Upright | None, seed: int
+    ) -> None:
+        self._problem, self._clearance, self._upright = problem, clearance, upright
+        allowed = problem.tolerances
+        self._roomy = replace(
+            problem, tolerances=replace(allowed, safety_margin=allowed.safety_margin + 2 * ROOM)
+        )
+        self._seed, self._judge = 1_000_000 * seed, Verifier(problem)
+        self.rows: list[Array] = []
+        self.least = float("inf")
+
+    def sample(self, cpu_s: float) -> None:
+        """As many from fresh seeds as there are, within so many CPU seconds; those with room to spare, if there are any.
+
+        The first solution of each seed is taken: later ones of a seed come along one self-motion curve and lie close
+        to each other, where all of them may be walled in.
+        """
+        for question in (self._roomy, self._problem):
+            deadline = time.process_time() + cpu_s
+            for _ in range(max(GOALS, len(self.rows))):
+                found = self._next(question, deadline)
+                self.add([q for q in found if self.allowed(q)])
+                if not found:
+                    # what one seed does not find within its share the next would look for in vain
+                    break
+            if self.rows:
+                return
+
+    def nearer(self, path: Array, floor: float, count: int, deadline: float) -> list[Array]:
+        """Up to `count` more that a path shorter than `path` (k, n) may end at, with twice the clearance `floor`.
+
+        The first are looked for from the path's start and from between its last corners, so that they are near by.
+        """
+        length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+        references: list[Array] = []
+        if self._problem.max_step is None and self._problem.max_link_rotation is None:
+            references = [path[0], path[-1] + _PULL * (path[-2] - path[-1])]
+        kept: list[Array] = []
+        for k in range(count):
+            question = self._roomy if self.least >= 2 * ROOM else self._problem
+            if k < len(references):
+                question = replace(question, q_reference=references[k])
+            found = self._next(question, deadline)
+            if not found:
+                break
+            for q in found:
+                near = float(np.linalg.norm(q - path[0])) < length and self.allowed(q)
+                if near and float(self._clearance.many(q[None])[0]) >= 2 * floor and self.reaches(q):
+                    kept.append(q)
+        return kept
+
+    def add(self, rows: list[Array]) -> None:
+        """Take in more."""
+        if rows:
+            self.rows += rows
+            self.least = min(self.least, float(self._clearance.many(np.stack(rows)).min()))
+
+    def allowed(self, q: Array) -> bool:
+        """Whether the tool's orientation limit holds there."""
+        return self._upright is None or self._upright.kept(self._problem.robot, q)
+
+    def reaches(self, q: Array) -> bool:
+        """Whether the judge of single configurations accepts it."""
+        return self._judge(q).accepted
+
+    def _next(self, question: IKProblem, deadline: float) -> list[Array]:
+        self._seed += 1
+        return collect_solutions(
+            question, 1, self._seed, Budget(min(max(deadline - time.process_time(), 0.0), _LONGEST))
+        )

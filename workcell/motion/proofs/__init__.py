@@ -1,0 +1,1 @@
+"""Proofs that a whole motion is clear, and the judge of paths."""

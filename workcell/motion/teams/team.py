@@ -1,0 +1,294 @@
+"""Several arms that hold one object: a closed chain. The object's path is planned, and every arm follows it.
+
+Each arm's inverse kinematics runs by itself, with the tool where its own grasp has it on the object; the arms share one path
+parameter, so that one timing moves them all. What they may hit of each other is proved on the whole team's motion.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from workcell.errors import InputError
+from workcell.ik.problem import Clearance
+from workcell.model.collision_model import CollisionModel
+from workcell.model.joined import columns, joined_robot
+from workcell.model.robot import Robot
+from workcell.model.scene import Scene
+from workcell.motion.path import Path, Trajectory
+from workcell.motion.polynomials import PolynomialMotion
+from workcell.motion.proofs.on_model import Proof, motion_bound
+from workcell.motion.tool_paths.follow import (
+    FollowLimits,
+    FollowResult,
+    Solver,
+    follow,
+    local_solver,
+    step_solver,
+)
+from workcell.pose import Array, Pose
+from workcell.world.planning_world import PlanningWorld
+
+_RESOLUTION = 1e-5
+"""Radians: smaller intervals of a motion are not halved further, the proof fails there."""
+_LOOKS = 4000
+"""Collision queries of a proof before it gives up."""
+
+
+@dataclass(frozen=True, slots=True)
+class Team:
+    """Arms of one scene that hold one object. Build one with `Team.of`.
+
+    Attributes:
+        scene: the scene, the hands closed on the object.
+        thing: the object's name.
+        grasps: `T_object_tool` of each arm, by the robot's name.
+        worlds: what each arm's planner sees: the object in its hand, and no other arm of the team.
+        robot: all arms as one kinematic tree, joints side by side in the order of `grasps`.
+    """
+
+    scene: Scene
+    thing: str
+    grasps: Mapping[str, Pose]
+    worlds: Mapping[str, PlanningWorld]
+    robot: Robot
+    _models: tuple[CollisionModel, ...]
+
+    @staticmethod
+    def of(
+        scene: Scene,
+        thing: str,
+        grasps: Mapping[str, Pose],
+        *,
+        overshoot: float = 0.02,
+        seed: int = 0,
+    ) -> Team:
+        """The arms once they hold the object.
+
+        Args:
+            scene: the scene; every arm of the team begins where it holds the object, up to its own start's error.
+            thing: the object's name.
+            grasps: `T_object_tool` of each arm, two or more, by name.
+            overshoot: of the sphere covers, metres.
+            seed: of the free space's random seeds.
+
+        Raises:
+            InputError: fewer than two arms; UnknownNameError: no such robot or object.
+        """
+        if len(grasps) < 2:
+            raise InputError(f"a team of {len(grasps)}", where="grasps", remedy="two arms or more")
+        worlds = {}
+        for name, grasp in grasps.items():
+            world = PlanningWorld.of(scene, name, overshoot=overshoot, approached=[thing], seed=seed)
+            world = world.holding(thing, grasp.inverse(), towards=[scene.robot(name).start])
+            scene = world.scene
+            worlds[name] = world
+        others = {name: [other for other in grasps if other != name] for name in grasps}
+        solo = {name: replace(world.without(others[name]), scene=scene) for name, world in worlds.items()}
+        joined = joined_robot([scene.robot(name) for name in grasps])
+        return Team(scene, thing, dict(grasps), solo, joined, _models(scene, thing, grasps, ()))
+
+    def touching(self, supports: Iterable[str]) -> Team:
+        """The same team while the object may touch some geoms: those that it stands on, or is put down on.
+
+        Raises:
+            UnknownNameError: no geom of that name.
+        """
+        below = tuple(supports)
+        others = {name: [other for other in self.grasps if other != name] for name in self.grasps}
+        worlds = {name: w.standing_on(below).without(others[name]) for name, w in self.worlds.items()}
+        return replace(self, worlds=worlds, _models=_models(self.scene, self.thing, self.grasps, below))
+
+    def at(self, q: Array) -> dict[str, Array]:
+        """Each robot's part (n,) of a configuration of the team."""
+        return {name: np.array(q[self.columns(name)]) for name in self.grasps}
+
+    def columns(self, robot: str) -> slice:
+        """Where a robot's joints stand in the team's configurations."""
+        return columns([self.scene.robot(name) for name in self.grasps])[list(self.grasps).index(robot)]
+
+    def clearance(self, q: Array) -> Clearance:
+        """Smallest signed distance of any arm, or of the object, to anything it should not touch; q (n1 + n2 + ...)."""
+        first = next(iter(self.grasps))
+        qpos = self._models[0].full_qpos(q[self.columns(first)])
+        for name in self.grasps:
+            qpos[self.scene.robot(name).qpos_addresses] = q[self.columns(name)]
+        found = min((model.distance_at(qpos) for model in self._models), key=lambda one: one.distance)
+        return Clearance(found.distance, found.pair)
+
+    def motion_bound(self, q: Array, half: Array) -> float:
+        """How much distance any pair can lose while every joint stays within `half` of `q`: all arms' bounds added."""
+        return sum(
+            motion_bound(world.robot.robot, q[self.columns(name)], half[self.columns(name)], world.cover)
+            for name, world in self.worlds.items()
+        )
+
+    @property
+    def tolerance(self) -> float:
+        """Metres by which clearances may be off."""
+        return max(model.tolerance for model in self._models)
+
+    def stretch(self, configurations: Array) -> Array:
+        """(k,) metres by which the closed chain would be strained at configurations (k, n).
+
+        How far each arm's tool is from where the first arm's tool and the grasps put it; the largest of all arms.
+        """
+        first = next(iter(self.grasps))
+        T_world_object = self.tools(first, configurations) @ self.grasps[first].inverse().matrix
+        off = [
+            np.linalg.norm(
+                (T_world_object @ grasp.matrix - self.tools(name, configurations))[:, :3, 3], axis=1
+            )
+            for name, grasp in self.grasps.items()
+        ]
+        worst: Array = np.max(off, axis=0)
+        return worst
+
+    def tools(self, name: str, configurations: Array) -> Array:
+        """(k, 4, 4) world poses of one robot's tool at configurations (k, n) of the team."""
+        return self.scene.robot(name).robot.fk_transform(configurations[:, self.columns(name)])
+
+    def split(self, trajectory: Trajectory) -> tuple[Trajectory, ...]:
+        """The team's motion as one trajectory for each robot."""
+        return tuple(
+            Trajectory(
+                name,
+                trajectory.time,
+                *(getattr(trajectory, part)[:, self.columns(name)] for part in ("q", "qd", "qdd")),
+            )
+            for name in self.grasps
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class TeamResult:
+    """What became of an object's path.
+
+    Attributes:
+        path: of the whole team, proved clear; None when there is none.
+        proof: of the path; None when an arm could not follow.
+        failure: which arm failed, where and why, in words; empty when it is proved.
+        arms: how each arm followed.
+    """
+
+    path: Path | None
+    proof: Proof | None
+    failure: str
+    arms: Mapping[str, FollowResult]
+
+
+def carry(
+    team: Team,
+    object_poses: Sequence[Pose],
+    starts: Mapping[str, Array],
+    *,
+    limits: FollowLimits,
+    solver: str = "ikspark",
+    seed: int = 0,
+) -> TeamResult:
+    """Follow an object's path with all arms that hold it, and prove that they stay clear of each other and of the rest.
+
+    Args:
+        team: the arms.
+        object_poses: `T_world_object`, two or more, the first being where the object is at `starts`.
+        starts: (n,) of each arm, by name.
+        limits: of each arm's motion.
+        solver: of the steps that fast local tracking can't make.
+        seed: same seed, same path.
+    """
+    arms, columns_of = {}, []
+    for name, grasp in team.grasps.items():
+        poses = [pose @ grasp for pose in object_poses]
+        problem = team.worlds[name].problem(poses[0])
+        rescue: Solver = step_solver(solver, seed=seed)
+        steps = local_solver(problem, limits=limits, rescue=rescue, seed=seed)
+        arms[name] = follow(problem, poses, starts[name], limits=limits, solver=steps)
+        path = arms[name].path
+        if path is None or not arms[name].followed:
+            failure = arms[name].failure
+            where = (
+                "" if failure is None else f" at pose {failure.waypoint} of {len(poses)}: {failure.detail}"
+            )
+            return TeamResult(None, None, f"{name}{where}. {arms[name].status.sentence}", arms)
+        columns_of.append(_at_poses(path, poses))
+    whole = Path(team.robot, np.concatenate(columns_of, axis=1))
+    proof = prove_team(team, whole, floor=limits.clearance)
+    return TeamResult(whole if proof.proved else None, proof, proof.reason, arms)
+
+
+def _at_poses(path: Path, poses: Sequence[Pose]) -> Array:
+    """(k, n) the path's configurations at the given poses alone: where it was refined, others lie between."""
+    kept, k = [], 0
+    for q, pose in zip(path.configurations, path.tool_poses, strict=True):
+        if k < len(poses) and max(pose.error_to(poses[k])) < 1e-9:
+            kept.append(q)
+            k += 1
+    return np.array(kept)
+
+
+def prove_team(team: Team, path: Path, *, floor: float = 0.0, slack: Array | float = 0.0) -> Proof:
+    """Prove that a team's joint-linear path keeps its clearance above `floor` everywhere, as `prove_path` does for one arm.
+
+    Two arms may both move towards each other: a pair loses at most what all arms' points move together.
+
+    Args:
+        team: the arms.
+        path: of the joined robot.
+        floor: clearance to keep, metres.
+        slack: (k - 1, n), or what broadcasts to it: how far the motion may stray from each straight line.
+    """
+    stray = np.broadcast_to(np.asarray(slack, dtype=float), (len(path) - 1, path.robot.dof))
+    queue = deque((float(k), float(k + 1)) for k in range(len(path) - 1))
+    margin, smallest = np.inf, Clearance(np.inf)
+    for spent in range(1, _LOOKS + 1):
+        begin, end = queue.popleft()
+        middle = 0.5 * (begin + end)
+        q = path.at(middle)
+        # both ends lie on one straight line
+        half = np.abs(path.at(end) - q) + stray[int(begin)]
+        found = team.clearance(q)
+        smallest = min(smallest, found, key=lambda one: one.distance)
+        kept = found.distance - team.motion_bound(q, half) - team.tolerance
+        if found.distance < floor or (kept < floor and half.max() < _RESOLUTION + stray.max()):
+            a, b = found.pair
+            reason = f"{a} and {b} come to {1e3 * found.distance:.2f} mm, less than {1e3 * floor:.2f} mm"
+            return Proof(False, -np.inf, smallest, middle, reason, spent)
+        if kept >= floor:
+            margin = min(margin, kept)
+        else:
+            queue += [(begin, middle), (middle, end)]
+        if not queue:
+            return Proof(True, float(margin), smallest, float("nan"), "", spent)
+    return Proof(False, -np.inf, smallest, middle, f"no proof within {_LOOKS} queries", _LOOKS)
+
+
+def prove_team_motion(team: Team, trajectory: Trajectory, *, floor: float = 0.0, every: int = 10) -> Proof:
+    """Prove a timed motion of the joined robot, over all of time: see `workcell.motion.proofs.on_model.trajectory_clearance`."""
+    keep = np.unique(np.append(np.arange(0, len(trajectory), every), len(trajectory) - 1))
+    largest = np.maximum.reduceat(PolynomialMotion.of_trajectory(trajectory).largest(2), keep[:-1], axis=0)
+    slack = largest * np.diff(trajectory.time[keep])[:, None] ** 2 / 8
+    return prove_team(team, Path(team.robot, trajectory.q[keep]), floor=floor, slack=slack)
+
+
+def _models(
+    scene: Scene, thing: str, grasps: Mapping[str, Pose], supports: Iterable[str]
+) -> tuple[CollisionModel, ...]:
+    """For each arm, the distances that count: not those of the hands, and of what the object stands on, to the object."""
+    hands = [
+        b for name in grasps for b in scene.robot(name).link_body_ids[scene.robot(name).robot.tool().link]
+    ]
+    below = [scene.model.geom(name).id for name in supports]
+    allowed = list(product(_geoms(scene, scene.object(thing).body_ids), _geoms(scene, hands) + below))
+    return tuple(
+        CollisionModel(scene, name, attached=(thing, grasp.inverse()), allowed_geoms=allowed)
+        for name, grasp in grasps.items()
+    )
+
+
+def _geoms(scene: Scene, bodies: Iterable[int]) -> list[int]:
+    inside = set(bodies)
+    return [g for g in range(scene.model.ngeom) if int(scene.model.geom_bodyid[g]) in inside]

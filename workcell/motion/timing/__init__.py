@@ -1,0 +1,1 @@
+"""Time along a path: within limits on velocity, acceleration and torque."""

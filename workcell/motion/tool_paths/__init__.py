@@ -1,0 +1,1 @@
+"""Joint motions along paths of the tool."""

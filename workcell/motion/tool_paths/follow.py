@@ -1,0 +1,269 @@
+"""Follow a tool path with continuous joint motion (arXiv IKSPARK, section VIII), and check what lies between waypoints.
+
+Pose by pose, the next configuration is an IK problem that carries a continuity constraint: each joint within
+`max_step` of the previous configuration, each link's world rotation within `max_link_rotation` of the previous one
+(Eq. 75, Frobenius norm). The section checks nothing between poses; here the tool's half-way deviation from the
+straight path and the clearance along the whole joint-linear segment are checked, and the spacing refined where the
+deviation is too large.
+
+The steps are IKSPARK's, or local ones (`workcell.motion.tool_paths.steps`) with IKSPARK where they fail. From which configuration
+to start is the choice of `workcell.motion.tool_paths.route`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from workcell.errors import InputError
+from workcell.geometry.types import SphereCover
+from workcell.ik.problem import Budget, Clearance, IKProblem
+from workcell.ik.result import IKResult, Status
+from workcell.motion.path import Path
+from workcell.motion.proofs.on_model import Proof, prove_segment
+from workcell.motion.quality import measured, path_metrics, smallest
+from workcell.motion.tool_paths.poses import PathTolerance, check_tool_path, line
+from workcell.motion.tool_paths.result import FollowFailure, FollowLimits, FollowResult, FollowStatus
+from workcell.motion.tool_paths.steps import LocalSolver, Solver, Tolerant
+from workcell.pose import Array, Pose
+
+__all__ = [
+    "FollowFailure",
+    "FollowLimits",
+    "FollowResult",
+    "FollowStatus",
+    "PathTolerance",
+    "Solver",
+    "diagnose",
+    "follow",
+    "line",
+    "local_solver",
+    "path_metrics",
+    "step_solver",
+]
+
+STEP_BUDGET = Budget(1.0)
+"""CPU seconds for one answer of the convex solver along a path."""
+_FINAL = (FollowStatus.UNREACHABLE, FollowStatus.BLOCKED, FollowStatus.BLOCKED_IN_MODEL)
+"""What is true of a pose however near the one before it is."""
+
+
+def follow(
+    template: IKProblem,
+    tool_poses: Sequence[Pose],
+    q_start: ArrayLike,
+    *,
+    tolerance: PathTolerance | None = None,
+    limits: FollowLimits | None = None,
+    extent: SphereCover | None = None,
+    solver: Solver | None = None,
+) -> FollowResult:
+    """Track the poses with the tool, from a configuration that already has it at the first of them.
+
+    Args:
+        template: robot, obstacles, cover, free space, checker and tolerances; target and reference are replaced.
+        tool_poses: `T_world_tool`, two or more, the first being the tool's pose at `q_start` (to the tolerance).
+        q_start: (n,).
+        tolerance: how far the tool may be from the poses, axis by axis; None: they are asked for exactly.
+        limits: continuity, deviation and clearance to keep.
+        extent: spheres in link frames that contain the moving robot (for the proof between waypoints); None: the
+            template's cover. Without either, or without a checker, no clearance is checked between waypoints.
+        solver: answers one IK problem; None: IKSPARK through `workcell.ik.solve.solve`. See also `local_solver`.
+
+    Raises:
+        InputError: fewer than two poses, or a start that is not at the first pose.
+    """
+    allowed = tolerance or PathTolerance()
+    answer = solver or step_solver()
+    if not isinstance(answer, LocalSolver | Tolerant):
+        answer = Tolerant(answer, allowed)
+    tracker = _Tracker(template, limits or FollowLimits(), extent or template.cover, answer, allowed)
+    return tracker.run(check_tool_path(tool_poses), np.asarray(q_start, dtype=float))
+
+
+def step_solver(name: str = "ikspark", budget: Budget | None = None, seed: int = 0) -> Solver:
+    """A solver of `workcell.ik.solve`, by name, for each step: its answers are verified."""
+    from workcell.ik.solve import solve
+
+    def answer(problem: IKProblem) -> IKResult:
+        return solve(problem, solver=name, budget=budget or Budget(), seed=seed)
+
+    return answer
+
+
+def local_solver(
+    template: IKProblem,
+    *,
+    tolerance: PathTolerance | None = None,
+    limits: FollowLimits | None = None,
+    rescue: Solver | None = None,
+    seed: int = 0,
+) -> LocalSolver:
+    """Fast local steps for `follow`, with a solver behind them for those that fail (None: IKSPARK)."""
+    limits = limits or FollowLimits()
+    return LocalSolver(
+        template,
+        tolerance,
+        max_step=limits.max_step,
+        clearance=limits.clearance,
+        rescue=rescue or step_solver("ikspark", STEP_BUDGET, seed),
+    )
+
+
+def diagnose(solver: Solver, template: IKProblem, pose: Pose, q_before: Array, max_step: float) -> _StepError:
+    """Which constraint forbids to reach a pose from a configuration: the pose itself, the obstacles, or continuity."""
+    free = replace(template, target=pose, q_reference=None, max_step=None, max_link_rotation=None)
+    alone = solver(
+        replace(free, cover=None, checker=None, obstacles=(), free_space=None, self_collision=None)
+    )
+    if alone.status is Status.UNREACHABLE:
+        detail = f"no configuration reaches this pose (certified){_proof_of(alone)}"
+        return _StepError(FollowStatus.UNREACHABLE, pose, detail, alone)
+    if not alone.solved:
+        return _StepError(
+            FollowStatus.NOT_FOUND, pose, f"{alone.status.value}: {alone.status.sentence}", alone
+        )
+    anywhere = solver(free)
+    if anywhere.solved and anywhere.q is not None:
+        gap = float(np.abs(anywhere.q - q_before).max())
+        detail = (
+            f"no configuration within {max_step:.3g} rad of the previous one; "
+            f"another that reaches the pose is {gap:.3g} rad away"
+        )
+        return _StepError(FollowStatus.STEP_TOO_LARGE, pose, detail, anywhere)
+    if anywhere.status in (Status.BLOCKED, Status.BLOCKED_IN_MODEL):
+        detail = f"{anywhere.status.sentence}{_proof_of(anywhere)}"
+        return _StepError(FollowStatus(anywhere.status.value), pose, detail, anywhere)
+    detail = f"no collision-free configuration was found ({anywhere.status.value})"
+    return _StepError(FollowStatus.NOT_FOUND, pose, detail, anywhere)
+
+
+def _proof_of(answer: IKResult) -> str:
+    """What was proved, to go behind a sentence; nothing where no certificate is at hand."""
+    return "" if answer.certificate is None else f" Proved: {answer.certificate.statement}"
+
+
+class _StepError(Exception):
+    """A step that can't be made; caught in `_Tracker.run`."""
+
+    def __init__(self, status: FollowStatus, pose: Pose, detail: str, ik: IKResult | None = None) -> None:
+        self.status, self.pose, self.detail, self.ik = status, pose, detail, ik
+        super().__init__(detail)
+
+
+def check_start(template: IKProblem, tolerance: PathTolerance, pose: Pose, q: Array) -> None:
+    """Raise InputError unless q (n,) is within the limits and has the tool at the path's first pose."""
+    template.robot.check_limits(q, where="q_start")
+    distance, angle = tolerance.excess(pose, template.robot.fk(q))
+    if distance > 10 * template.tolerances.position or angle > 10 * template.tolerances.rotation:
+        raise InputError(
+            f"the tool is {1000 * distance:.2f} mm and {angle:.4f} rad away from the path's first pose",
+            where="q_start",
+            remedy="solve the inverse kinematics of the first pose and start there",
+        )
+
+
+@dataclass(slots=True)
+class _Tracker:
+    template: IKProblem
+    limits: FollowLimits
+    extent: SphereCover | None
+    solver: Solver
+    tolerance: PathTolerance
+    configurations: list[Array] = field(default_factory=list)
+    poses: list[Pose] = field(default_factory=list)
+    reached: list[Pose] = field(default_factory=list)
+    clearances: list[Clearance] = field(default_factory=list)
+    proofs: list[Proof] = field(default_factory=list)
+    solved: int = 0
+
+    def run(self, tool_poses: tuple[Pose, ...], q_start: Array) -> FollowResult:
+        check_start(self.template, self.tolerance, tool_poses[0], q_start)
+        checker = self.template.checker
+        self._append(tool_poses[0], q_start, Clearance(float("nan")) if checker is None else checker(q_start))
+        status, failure = FollowStatus.FOLLOWED, None
+        for i, pose in enumerate(tool_poses[1:], start=1):
+            try:
+                self._advance(pose, self.limits.max_halvings)
+            except _StepError as error:
+                status = error.status
+                done = (i - 1) / (len(tool_poses) - 1)
+                failure = FollowFailure(i, done, error.pose, error.detail, error.ik)
+                break
+        if len(self.configurations) < 2:
+            return FollowResult(status, None, failure, None, self.solved)
+        path = Path(self.template.robot, np.stack(self.configurations), tuple(self.reached))
+        between = min((proof.margin for proof in self.proofs), default=float("nan"))
+        evaluations = sum(proof.evaluations for proof in self.proofs)
+        metrics = measured(path, smallest(self.clearances), between, evaluations)
+        return FollowResult(status, path, failure, metrics, self.solved)
+
+    def _append(self, pose: Pose, q: Array, clearance: Clearance) -> None:
+        """A waypoint: the pose of the path, the allowed one where the tool is, and the clearance."""
+        self.clearances.append(clearance)
+        self.configurations.append(np.array(q))
+        self.poses.append(pose)
+        self.reached.append(self.tolerance.allowed(pose, self.template.robot, q))
+
+    def _advance(self, pose: Pose, halvings: int) -> None:
+        """Go to `pose` from the last configuration, by way of poses between when the step or the deviation is too big."""
+        previous, q_previous = self.poses[-1], self.configurations[-1]
+        result = self._solve(pose, q_previous)
+        reason: _StepError | None = None
+        if result.q is None or not result.solved:
+            reason = self._why_no_step(pose, q_previous, halvings)
+            if reason.status in _FINAL:
+                raise reason
+        else:
+            reason = self._check_between(previous, pose, q_previous, result.q)
+        if reason is None and result.q is not None:
+            self._append(pose, result.q, result.clearance)
+        elif halvings > 0:
+            self._advance(previous.interpolate(pose, 0.5), halvings - 1)
+            self._advance(pose, halvings - 1)
+        elif reason is not None:
+            raise reason
+
+    def _why_no_step(self, pose: Pose, q_previous: Array, halvings: int) -> _StepError:
+        """Why a pose was not reached: asked once for a given pose, and where the distance can't be halved further."""
+        if 0 < halvings < self.limits.max_halvings:
+            return _StepError(FollowStatus.STEP_TOO_LARGE, pose, "no configuration within the largest step")
+        self.solved += 2
+        return diagnose(self.solver, self.template, pose, q_previous, self.limits.max_step)
+
+    def _solve(self, pose: Pose, q_previous: Array) -> IKResult:
+        self.solved += 1
+        step = replace(
+            self.template,
+            target=pose,
+            q_reference=q_previous,
+            max_step=self.limits.max_step,
+            max_link_rotation=self.limits.max_link_rotation,
+        )
+        return self.solver(step)
+
+    def _check_between(self, previous: Pose, pose: Pose, q_previous: Array, q: Array) -> _StepError | None:
+        half = self.template.robot.fk(0.5 * (q_previous + q))
+        metres, radians = self.tolerance.excess(previous.interpolate(pose, 0.5), half)
+        if metres > self.limits.deviation_m or radians > self.limits.deviation_rad:
+            detail = (
+                f"half-way to this pose the tool is {1000 * metres:.2f} mm and {radians:.4f} rad off the path"
+            )
+            return _StepError(FollowStatus.OFF_PATH, pose, detail)
+        if self.template.checker is None or self.extent is None:
+            return None
+        proof = prove_segment(
+            self.template.robot,
+            q_previous,
+            q,
+            self.template.checker,
+            self.extent,
+            floor=self.limits.clearance,
+        )
+        if not proof.proved:
+            return _StepError(FollowStatus.COLLISION, pose, proof.reason)
+        self.proofs.append(proof)
+        return None

@@ -1,0 +1,1 @@
+"""Compiled kernels of tracking a tool path (see `workcell.jit`)."""

@@ -1,0 +1,78 @@
+"""Models that local tracking tries, one after the other: from the most careful to the boldest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workcell.geometry.self_collision import self_collision_pairs
+from workcell.geometry.types import SphereCover
+from workcell.identity_cache import ByIdentity
+from workcell.ik.problem import IKProblem
+from workcell.ik.shared.packing import pack_world
+from workcell.model.collision_model import CollisionModel
+from workcell.pose import Array
+
+if TYPE_CHECKING:
+    from workcell.kernels.structures import World
+
+ROOM, GENEROUS = 1e-3, 6e-3
+"""Metres of clearance beyond what is asked for that waypoints keep where they can: what lies between them needs some."""
+_SAMPLES = 200
+"""Configurations that tell which pairs of spheres always touch."""
+_SMALLEST = 1e-5
+"""Metres: radius that a sphere keeps when its overshoot is taken away."""
+_pairs, _bare_covers = ByIdentity(), ByIdentity()
+
+
+def worlds(template: IKProblem, keep: float) -> list[World]:
+    """Models to track in, from the most careful to the boldest, for a clearance of `keep` metres.
+
+    An outer cover may forbid what the true shape allows: where the template has a checker of its own, which decides,
+    its spheres are tried without their overshoot as well. They no longer contain the robot, so with more clearance first.
+    """
+    outer = pack_world(_with_pairs(template, template.cover))
+    made = [outer._replace(required=keep + ROOM)]
+    cover = template.cover
+    if (
+        template.checker is not None
+        and cover is not None
+        and cover.overshoot is not None
+        and np.any(cover.overshoot)
+    ):
+        radius = np.maximum(cover.radius - cover.overshoot, _SMALLEST)
+        inner = pack_world(_with_pairs(template, _bare(cover, radius)))
+        made += [inner._replace(required=keep + more) for more in (GENEROUS, ROOM)]
+    return [*made, made[-1]._replace(required=keep)]
+
+
+def _with_pairs(template: IKProblem, cover: SphereCover | None) -> IKProblem:
+    """The template with a cover, and with the pairs of its spheres that can hit each other, where the scene tells."""
+    known = replace(template, cover=cover)
+    collision = getattr(getattr(template.checker, "__self__", None), "collision", None)
+    if template.self_collision is not None or cover is None or not isinstance(collision, CollisionModel):
+        return known
+    return replace(
+        known, self_collision=_pairs.get((template.robot, cover), lambda: _self_pairs(known, collision))
+    )
+
+
+def _self_pairs(problem: IKProblem, collision: CollisionModel) -> NDArray[np.int64]:
+    robot, cover = problem.robot, problem.cover
+    assert cover is not None
+    free = robot.home if collision.distance(robot.home).distance > 0 else None
+    found = self_collision_pairs(
+        robot, cover, links=collision.self_links, known_free=free, samples=_SAMPLES, prove=False
+    )
+    return np.array(found.pairs)
+
+
+def _bare(cover: SphereCover, radius: Array) -> SphereCover:
+    """The cover with its spheres without their overshoot; the same object for the same cover."""
+    return _bare_covers.get(
+        (cover,),
+        lambda: replace(cover, radius=radius, overshoot=np.zeros(len(radius)), kind="given"),
+    )

@@ -1,0 +1,180 @@
+"""Reach a goal pose along a tool path: directly from where the robot stands, or by way of other goal configurations.
+
+A tool path that is followed from one given configuration may run into a joint limit half-way (continuity leaves no
+second choice). Then the goal's inverse kinematics is solved again, with other seeds; each solution is followed backwards
+out along the path, and the place where it comes out is connected to the start by a collision-free joint motion. Where
+several tool paths would do, such as one for each grasp that an object allows, one that needs no such detour comes first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from workcell.errors import InputError
+from workcell.ik.problem import Budget
+from workcell.ik.result import IKResult
+from workcell.ik.solve import solve
+from workcell.motion.body import Upright
+from workcell.motion.path import Path
+from workcell.motion.plans.by_checker import PlanSettings
+from workcell.motion.plans.in_scene import plan_in_world
+from workcell.motion.tool_paths.follow import (
+    STEP_BUDGET,
+    FollowLimits,
+    follow,
+    line,
+    local_solver,
+    step_solver,
+)
+from workcell.motion.tool_paths.starts import turned_towards
+from workcell.pose import Array, Pose
+from workcell.world.planning_world import PlanningWorld
+
+_DIRECT_BUDGET, _DIRECT_HALVINGS = Budget(0.25), 3
+"""CPU seconds of the solver behind a step of the direct way, and how often the distance between its poses is halved."""
+_LOOKS = 4
+"""Configurations between two waypoints at which the tool's tilt is looked at."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReachResult:
+    """What became of it.
+
+    Attributes:
+        path: from the start to the last pose, proved clear between waypoints; None when none was found.
+        how: in words, for a log.
+        ik: the solver's answer about a goal: of a path's own; without a path the most hopeful one, so that it is a proof only
+            where every goal is proved out of reach; None when it was not asked.
+        failures: why each way failed, in words.
+    """
+
+    path: Path | None
+    how: str
+    ik: IKResult | None
+    failures: tuple[str, ...]
+
+
+def reach(
+    world: PlanningWorld,
+    q_start: Array,
+    ways: Sequence[Sequence[Pose]],
+    *,
+    limits: FollowLimits,
+    upright: Upright | None = None,
+    solver: str = "ikspark",
+    seed: int = 0,
+    tries: int = 6,
+) -> ReachResult:
+    """A continuous path from `q_start` along one of several lists of tool poses, of which the last is the goal.
+
+    The first that can be followed directly from the start, else the first to which a goal configuration leads.
+
+    Args:
+        world: what the planner knows of the scene.
+        q_start: (n,) where the robot stands.
+        ways: one or more lists of two or more tool poses, from the mouth of the narrow way to the goal.
+        limits: what the motion keeps.
+        upright: keep an axis of the tool within a cone all along, joint motions included; None: it may turn as it likes.
+        solver: of every IK problem.
+        seed: same seed, same path.
+        tries: goal configurations of one way to try when the direct ways fail.
+
+    Raises:
+        InputError: no way; a start that is tilted beyond `upright`.
+    """
+    if not ways:
+        raise InputError(
+            "there is no way to choose from", where="ways", remedy="one list of tool poses or more"
+        )
+    queries = [_Query(world, tuple(inward), limits, upright, solver, seed) for inward in ways]
+    failures: list[str] = []
+    answers: list[IKResult] = []
+    for query in queries:
+        path, why = query.directly(q_start)
+        if path is not None:
+            return ReachResult(path, "followed from the start", None, tuple(failures))
+        failures.append(f"from the start: {why}")
+    for query in queries:
+        result = query.by_goal_configurations(q_start, tries)
+        failures += result.failures
+        answers += [] if result.ik is None else [result.ik]
+        if result.path is not None:
+            return replace(result, failures=tuple(failures))
+    return ReachResult(None, "not found", _most_hopeful(answers), tuple(failures))
+
+
+def _most_hopeful(answers: Sequence[IKResult]) -> IKResult | None:
+    """A solution, if there is one among the answers, else one that proves nothing, else a proof."""
+    return min(answers, key=lambda ik: 0 if ik.solved else 2 if ik.status.is_impossible else 1, default=None)
+
+
+@dataclass(frozen=True, slots=True)
+class _Query:
+    """One list of tool poses: see `reach`."""
+
+    world: PlanningWorld
+    inward: tuple[Pose, ...]
+    limits: FollowLimits
+    upright: Upright | None
+    solver: str
+    seed: int
+
+    def directly(self, q_start: Array) -> tuple[Path | None, str]:
+        """Straight to the mouth of the narrow way and in, without leaving the configurations that begin at the start."""
+        poses = (*line(self.world.robot.robot.fk(q_start), self.inward[0]), *self.inward[1:])
+        # this way may well end at a joint limit, and there are others: not worth a long search at every step
+        limits = replace(self.limits, max_halvings=min(self.limits.max_halvings, _DIRECT_HALVINGS))
+        return self._followed(poses, q_start, limits, _DIRECT_BUDGET)
+
+    def by_goal_configurations(self, q_start: Array, tries: int) -> ReachResult:
+        """By way of the goal configuration nearest to the start that leads out of the narrow way."""
+        robot, answers, failures = self.world.robot.robot, list[IKResult](), list[str]()
+        for k in range(tries):
+            answers.append(solve(self.world.problem(self.inward[-1]), solver=self.solver, seed=self.seed + k))
+            if answers[-1].status.is_proof:
+                failures.append(answers[-1].status.sentence)
+                break
+            if not answers[-1].solved:
+                failures.append(f"goal configuration {k}: {answers[-1].status.sentence}")
+        goals = [(turned_towards(robot, ik.unwrap(), q_start), ik) for ik in answers if ik.solved]
+        # a transfer with half a turn less is shorter, and gentler to what is in the hand
+        goals.sort(key=lambda goal: float(np.abs(goal[0] - q_start).max()))
+        for k, (q_goal, ik) in enumerate(goals):
+            path, why = self._by_way_of(q_goal, q_start, self.seed + k)
+            if path is not None:
+                return ReachResult(path, f"by way of goal configuration {k}", ik, tuple(failures))
+            failures.append(f"goal configuration {k}: {why}")
+        return ReachResult(None, "not found", _most_hopeful(answers), tuple(failures))
+
+    def _by_way_of(self, q_goal: Array, q_start: Array, seed: int) -> tuple[Path | None, str]:
+        """Out of the narrow way backwards from one goal configuration, then to the start in joint space."""
+        back, why = self._followed(self.inward[::-1], q_goal, self.limits, STEP_BUDGET)
+        if back is None:
+            return None, why
+        settings = PlanSettings(clearance=self.limits.clearance)
+        way = plan_in_world(self.world, q_start, back.end, settings=settings, upright=self.upright, seed=seed)
+        return (None, way.detail) if way.path is None else (way.path + back.reversed(), "")
+
+    def _followed(
+        self, poses: tuple[Pose, ...], q_start: Array, limits: FollowLimits, budget: Budget
+    ) -> tuple[Path | None, str]:
+        """Fast local steps along tool poses, the solver behind them; the path, or why there is none."""
+        problem = self.world.problem(poses[0])
+        rescue = step_solver(self.solver, budget, self.seed)
+        steps = local_solver(problem, limits=limits, rescue=rescue, seed=self.seed)
+        result = follow(problem, poses, q_start, limits=limits, solver=steps)
+        if result.path is None or not result.followed:
+            where = "" if result.failure is None else f" ({result.failure.words})"
+            return None, f"{result.status.sentence}{where}"
+        tilt = 0.0 if self.upright is None else self._tilt(result.path, self.upright)
+        if self.upright is not None and tilt > self.upright.angle:
+            return None, f"the tool would tilt by {tilt:.3f} rad, and may by {self.upright.angle:.3f}"
+        return result.path, ""
+
+    def _tilt(self, path: Path, upright: Upright) -> float:
+        """The largest tilt of the tool along a path whose waypoints are close."""
+        looks = np.linspace(0.0, len(path) - 1, _LOOKS * (len(path) - 1) + 1)
+        return max(upright.tilt(self.world.robot.robot, q) for q in path.at(looks))

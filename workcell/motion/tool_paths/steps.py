@@ -1,0 +1,169 @@
+"""Steps of a tool path: local ones first, the convex solver where they fail, and solvers of poses for paths with a tolerance."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from workcell.ik.judge.verify import Verifier
+from workcell.ik.observing import report
+from workcell.ik.problem import IKProblem
+from workcell.ik.result import IKResult, Status
+from workcell.ik.stages import SolverStage
+from workcell.motion.tool_paths.poses import PathTolerance
+from workcell.motion.tool_paths.tracker import Aside, LocalTracker
+from workcell.pose import Array, Pose
+
+Solver = Callable[[IKProblem], IKResult]
+
+
+class LocalSolver:
+    """Answers a step of a tool path: local tracking from `q_reference`, and `rescue` where that leads nowhere.
+
+    Args:
+        template: as of `LocalTracker`.
+        tolerance: of the tool; its solutions count for the nearest pose that it allows.
+        rescue: another solver, or None.
+        clearance, aside: as of `LocalTracker`.
+
+    Attributes:
+        local, rescued: steps answered by each.
+        proposals: configurations for poses (by their identity) that are looked at before anything is solved.
+    """
+
+    def __init__(
+        self,
+        template: IKProblem,
+        tolerance: PathTolerance | None = None,
+        *,
+        max_step: Array | float = 0.2,
+        rescue: Solver | None = None,
+        clearance: float = 0.0,
+        aside: Aside | None = None,
+    ) -> None:
+        self.tolerance = tolerance or PathTolerance()
+        self.tracker = LocalTracker(
+            template, self.tolerance, max_step=max_step, clearance=clearance, aside=aside
+        )
+        self._rescue = None if rescue is None else Tolerant(rescue, self.tolerance)
+        self.local, self.rescued = 0, 0
+        self.proposals: dict[int, Array] = {}
+
+    def propose(self, poses: Sequence[Pose], configurations: Array) -> None:
+        """Replace the proposals: configurations (k, n) for the first k of the poses, which must stay alive."""
+        self.proposals = {id(pose): q for pose, q in zip(poses, configurations, strict=False)}
+
+    def __call__(self, problem: IKProblem) -> IKResult:
+        """A verified configuration within `max_step` of the reference, or what the rescue says."""
+        from workcell.jit import compile_seconds
+
+        begun, compiled = time.process_time(), compile_seconds()
+        reference = problem.q_reference
+        proposed = self.proposals.get(id(problem.target))
+        name = "proposed step"
+        result = None if proposed is None else accepted(problem, proposed, self.tolerance)
+        if result is None and reference is not None and problem.cover is self.tracker.template.cover:
+            name = "local step"
+            tracked = self.tracker.track_anyhow([problem.target], reference)
+            if tracked.complete:
+                result = accepted(problem, tracked.configurations[0], self.tolerance)
+        if result is not None:
+            self.local += 1
+            spent = time.process_time() - begun
+            if compile_seconds() > compiled:
+                name = f"{name}, with compiling"
+            stage = SolverStage(name, spent, note="accepted", solver="local")
+            result = replace(result, stats={"cpu_s": spent}, stages=(stage,))
+            report(problem, result)
+            return result
+        if self._rescue is None:
+            return IKResult(Status.NOT_FOUND, "local")
+        self.rescued += 1
+        return self._rescue(problem)
+
+
+def accepted(problem: IKProblem, q: Array, tolerance: PathTolerance) -> IKResult | None:
+    """The result for `q` (n,), judged at the nearest pose that the tolerance allows; None where the judge refuses it."""
+    pose = tolerance.allowed(problem.target, problem.robot, q)
+    verdict = Verifier(problem if pose is problem.target else replace(problem, target=pose))(q)
+    if not verdict.accepted:
+        return None
+    return IKResult(
+        Status.SOLVED,
+        "local",
+        q=q,
+        position_error=verdict.position_error,
+        rotation_error=verdict.rotation_error,
+        clearance=verdict.clearance,
+    )
+
+
+class Tolerant:
+    """A solver of whole poses, for paths with a tolerance: it is asked for allowed poses, the likeliest first.
+
+    These are the wanted one, the pose as far from the path as the tool was before, the path's own, and some more in the
+    box.
+
+    Args:
+        wanted: allowed poses for poses of the path, by their identity.
+    """
+
+    def __init__(
+        self, solver: Solver, tolerance: PathTolerance, wanted: Mapping[int, Pose] | None = None
+    ) -> None:
+        self._solver, self._tolerance, self._wanted = solver, tolerance, dict(wanted or {})
+
+    def __call__(self, problem: IKProblem) -> IKResult:
+        """The first answer with a configuration; NOT_FOUND where none of the poses asked for has one."""
+        if self._tolerance.exact:
+            return self._solver(problem)
+        poses = [problem.target]
+        if problem.q_reference is not None:
+            poses.insert(0, self._tolerance.allowed(problem.target, problem.robot, problem.q_reference))
+        if id(problem.target) in self._wanted:
+            poses.insert(0, self._wanted[id(problem.target)])
+        poses += nearby_poses(poses[0], self._tolerance, angle=0.6, distance=0.05)
+        result = None
+        for pose in poses:
+            answer = self._solver(replace(problem, target=pose))
+            if answer.solved:
+                return answer
+            # that one pose of the box is impossible proves nothing about the others
+            result = (
+                replace(answer, status=Status.NOT_FOUND, certificate=None)
+                if answer.status.is_proof
+                else answer
+            )
+        assert result is not None
+        return result
+
+
+def nearby_poses(pose: Pose, tolerance: PathTolerance, angle: float, distance: float) -> list[Pose]:
+    """Poses turned and moved from `pose` along each axis with a tolerance, by half and all of it.
+
+    Args:
+        angle, distance: the most that one is turned (radians) and moved (metres).
+    """
+    poses = []
+    for axis, bound in enumerate(tolerance.box):
+        if bound > 0:
+            for share in (0.5, -0.5, 1.0, -1.0):
+                x = np.zeros(6)
+                x[axis] = share * min(float(bound), angle if axis >= 3 else distance)
+                poses.append(tolerance.moved(pose, x))
+    return poses
+
+
+def starting_poses(pose: Pose, tolerance: PathTolerance) -> list[Pose]:
+    """The pose itself and, where the tool may turn far about an axis, quarter and half turns about it."""
+    poses = [pose]
+    for axis, bound in enumerate(tolerance.box[3:], start=3):
+        for turn in (0.5 * np.pi, -0.5 * np.pi, np.pi):
+            if bound >= abs(turn):
+                x = np.zeros(6)
+                x[axis] = turn
+                poses.append(tolerance.moved(pose, x))
+    return poses

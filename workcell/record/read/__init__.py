@@ -1,0 +1,1 @@
+"""Recordings read back from their files alone."""

@@ -1,0 +1,255 @@
+"""Reviewing a recording from the file alone: verdict, metrics, events and what the file holds."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from workcell.errors import RecordingError
+from workcell.record.read.cuboids import CuboidRow, cuboid_rows
+from workcell.record.read.metrics import MetricRow, ObjectRow, Series, metric_rows, metric_series, object_rows
+from workcell.record.read.queries import Query, recorded_queries, stage_rows
+from workcell.record.read.reader import Contents, read
+from workcell.record.read.stage import Stage
+from workcell.record.write.rrd import APPLICATION
+from workcell.record.write.scene_log import FORMAT
+
+ACHIEVED, NOT_ACHIEVED, INCOMPLETE = "achieved", "not achieved", "incomplete"
+
+_STOPPED = ("INTERRUPTED", "ERROR")
+_GRASP = re.compile(r"\b(grasp|held)", re.IGNORECASE)
+_MOVED_M = 0.01
+_AGREEMENT_M = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class LogLine:
+    """One line of the event log."""
+
+    time: float
+    level: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """Something the reviewer worked out from the recording, not from what the run says of itself."""
+
+    name: str
+    passed: bool
+    finding: str
+
+
+@dataclass(frozen=True, slots=True)
+class Review:
+    """What a recording shows.
+
+    Attributes:
+        path: the file.
+        verdict: `achieved`, `not achieved`, or `incomplete` when the run did not come to its end.
+        reason: one sentence.
+        checks: the reviewer's own.
+        result, manifest: what the run wrote about itself; empty when missing.
+        metrics, objects, events: in the order of names and of time.
+        cuboids: which free-space cuboids each link was in; empty where the recording does not tell.
+        queries: of inverse kinematics, with the solvers' stages; empty where the recording does not tell.
+        duration: simulated seconds.
+        inventory: entity path to (components, rows over time).
+        missing: what the file lacks or could not be read.
+        series, stage: the numbers and the geometry, for plots and pictures.
+    """
+
+    path: Path
+    verdict: str
+    reason: str
+    checks: tuple[Check, ...]
+    result: Mapping[str, Any]
+    manifest: Mapping[str, Any]
+    metrics: tuple[MetricRow, ...]
+    objects: tuple[ObjectRow, ...]
+    events: tuple[LogLine, ...]
+    cuboids: tuple[CuboidRow, ...]
+    queries: tuple[Query, ...]
+    duration: float
+    inventory: Mapping[str, tuple[tuple[str, ...], int]]
+    missing: tuple[str, ...]
+    series: Mapping[str, Series]
+    stage: Stage
+
+    @property
+    def achieved(self) -> bool:
+        """Whether the task was done."""
+        return self.verdict == ACHIEVED
+
+    @property
+    def free_cuboids(self) -> int:
+        """How many free-space cuboids and polytopes were recorded."""
+        return sum(thing.kind == "free_space" for thing in self.stage.things)
+
+    @property
+    def task(self) -> str:
+        """The task's name; the file's where the recording does not say."""
+        return str(self.manifest.get("task") or self.result.get("task") or self.path.stem)
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything but the arrays, ready for `write_json_atomic`."""
+        listed = {path: {"components": list(c), "rows": rows} for path, (c, rows) in self.inventory.items()}
+        return {
+            "file": str(self.path),
+            "task": self.task,
+            "verdict": self.verdict,
+            "reason": self.reason,
+            "duration_s": self.duration,
+            "checks": [asdict(check) for check in self.checks],
+            "metrics": [asdict(row) for row in self.metrics],
+            "objects": [asdict(row) for row in self.objects],
+            "events": [asdict(line) for line in self.events],
+            "cuboids_in_use": [row.to_json() for row in self.cuboids],
+            "solver_stages": [_finite(asdict(row)) for row in stage_rows(self.queries)],
+            "queries": len(self.queries),
+            "result": dict(self.result),
+            "manifest": dict(self.manifest),
+            "missing": list(self.missing),
+            "entities": listed,
+        }
+
+
+def review(path: str | Path) -> Review:
+    """Reads a recording and judges it; no server and no screen are needed.
+
+    Raises:
+        RecordingError: the file is missing, not an `.rrd`, not one of ours, or nothing in it can be read.
+    """
+    contents = read(path)
+    if contents.application != APPLICATION:
+        raise RecordingError(
+            f"this recording was written by {contents.application!r}, not by workcell",
+            where=path,
+            remedy="give a recording made by `workcell run`",
+        )
+    missing = list(contents.missing)
+    result, manifest = _document(contents, "result", missing), _document(contents, "manifest", missing)
+    if manifest.get("format") not in (None, FORMAT):
+        missing.append(
+            f"the layout of this file is version {manifest['format']}, this reads version {FORMAT}"
+        )
+    stage, series = Stage.of(contents), metric_series(contents)
+    events, metrics, objects = _events(contents), metric_rows(series), object_rows(stage)
+    if not stage.motions:
+        missing.append("no poses")
+    if not metrics:
+        missing.append("no metrics")
+    checks = _checks(result, metrics, objects, events)
+    verdict, reason = _verdict(result, checks, damaged=bool(contents.missing))
+    last = [float(times[-1]) for times in [stage.times, *(s.times for s in series.values())] if len(times)]
+    duration = max(last, default=0.0)
+    inventory = {p: (tuple(e.components()), e.rows()) for p, e in sorted(contents.entities.items())}
+    return Review(
+        path=contents.path,
+        verdict=verdict,
+        reason=reason,
+        checks=checks,
+        result=result,
+        manifest=manifest,
+        metrics=metrics,
+        objects=objects,
+        events=events,
+        cuboids=cuboid_rows(stage.uses, duration),
+        queries=recorded_queries(contents),
+        duration=duration,
+        inventory=inventory,
+        missing=tuple(missing),
+        series=series,
+        stage=stage,
+    )
+
+
+def _finite(row: dict[str, Any]) -> dict[str, Any]:
+    """JSON has no nan."""
+    return {key: None if value != value else value for key, value in row.items()}
+
+
+def _document(contents: Contents, path: str, missing: list[str]) -> dict[str, Any]:
+    """A JSON document of the recording; empty, and noted, when it is not there."""
+    entity = contents.entities.get(path)
+    text = entity.static.get("TextDocument:text") if entity is not None else None
+    if not text:
+        missing.append(f"no {path}")
+        return {}
+    try:
+        document = json.loads(text[0])
+    except ValueError as error:
+        missing.append(f"the {path} is not JSON: {error}")
+        return {}
+    return document if isinstance(document, dict) else {}
+
+
+def _events(contents: Contents) -> tuple[LogLine, ...]:
+    entity = contents.entities.get("log")
+    if entity is None:
+        return ()
+    times, texts = entity.over_time("TextLog:text")
+    levels = entity.over_time("TextLog:level")[1]
+    levels += [["INFO"]] * (len(texts) - len(levels))
+    return tuple(
+        LogLine(float(t), str(level[0]), str(x[0])) for t, x, level in zip(times, texts, levels, strict=True)
+    )
+
+
+def _checks(
+    result: Mapping[str, Any],
+    metrics: tuple[MetricRow, ...],
+    objects: tuple[ObjectRow, ...],
+    events: tuple[LogLine, ...],
+) -> tuple[Check, ...]:
+    rows = {row.name: row for row in metrics}
+    checks = []
+    if (clearance := rows.get("clearance")) is not None:
+        where = f"smallest clearance {1e3 * clearance.minimum:.2f} mm at {clearance.time_of_minimum:.2f} s"
+        checks.append(Check("clearance", clearance.minimum >= 0.0, where))
+        claimed = result.get("min_clearance_m")
+        if isinstance(claimed, (int, float)) and clearance.minimum < claimed - _AGREEMENT_M:
+            text = (
+                f"the run claims {1e3 * claimed:.2f} mm, the recording shows {1e3 * clearance.minimum:.2f} mm"
+            )
+            checks.append(Check("claimed clearance", False, text))
+    if (tracking := rows.get("tracking_error")) is not None:
+        text = f"largest tracking error {1e3 * tracking.maximum:.3f} mm at {tracking.time_of_maximum:.2f} s"
+        limit = result.get("tracking_limit_m")
+        bounded = isinstance(limit, (int, float))
+        text += f", {1e3 * float(limit or 0.0):.2f} mm allowed" if bounded else ""
+        checks.append(Check("tracking", not bounded or tracking.maximum <= float(limit or 0.0), text))
+    # what is said before anything moves is about the plan
+    if (
+        any(line.time > 0 and line.level == "INFO" and _GRASP.search(line.text) for line in events)
+        and objects
+    ):
+        moved = [row for row in objects if row.moved > _MOVED_M or row.rose > _MOVED_M]
+        text = ", ".join(f"the {row.name} went {row.moved:.3f} m" for row in moved) or "no object was moved"
+        checks.append(Check("grasp", bool(moved), text))
+    errors = [line for line in events if line.level == "ERROR"]
+    text = f"{errors[0].text} ({errors[0].time:.2f} s)" if errors else "none in the log"
+    checks.append(Check("errors", not errors, text))
+    return tuple(checks)
+
+
+def _verdict(result: Mapping[str, Any], checks: tuple[Check, ...], *, damaged: bool) -> tuple[str, str]:
+    failed = [check for check in checks if not check.passed]
+    if not result:
+        return INCOMPLETE, "the recording ends before the run wrote its result"
+    if result.get("status") in _STOPPED:
+        return INCOMPLETE, str(
+            result.get("message") or result.get("sentence") or "the run was stopped before its end"
+        )
+    if damaged:
+        return INCOMPLETE, "part of the recording is missing, so the run can't be judged as a whole"
+    if result.get("achieved") is not True:
+        why = result.get("sentence") or result.get("message") or result.get("status") or "the run says so"
+        return NOT_ACHIEVED, str(why)
+    if failed:
+        return NOT_ACHIEVED, "the run claims success, but: " + "; ".join(check.finding for check in failed)
+    return ACHIEVED, "the run says so, and the recording bears it out"

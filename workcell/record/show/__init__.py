@@ -1,0 +1,1 @@
+"""Recordings for people: tables, pictures, plots and pages."""

@@ -1,0 +1,125 @@
+"""A review as text for a terminal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from workcell.record.read.metrics import label_of, unit_of
+from workcell.record.read.queries import own_cuboids, stage_rows, summary
+
+if TYPE_CHECKING:
+    from rich.console import Group, RenderableType
+    from rich.table import Table
+
+    from workcell.record.read.metrics import MetricRow
+    from workcell.record.read.review import Review
+
+_STYLES = {"achieved": "bold green", "not achieved": "bold red", "incomplete": "bold yellow"}
+_LEVELS = {"INFO": "", "WARN": "yellow", "ERROR": "red"}
+
+
+def review_table(review: Review) -> Group:
+    """Verdict, checks, metrics, events, contents and what is missing, one below the other."""
+    from rich.console import Group
+    from rich.markup import escape
+    from rich.text import Text
+
+    head = Text.assemble(
+        (f"{review.task}: ", "bold"), (review.verdict, _STYLES[review.verdict]), f"  {review.reason}"
+    )
+    facts = [
+        f"{key} {review.result[key]}"
+        for key in ("robot", "planner", "seed", "status")
+        if key in review.result
+    ]
+    parts: list[RenderableType] = [
+        head,
+        Text(", ".join([*facts, f"{review.duration:.2f} s simulated"]), style="dim"),
+    ]
+    for check in review.checks:
+        mark, style = ("ok", "green") if check.passed else ("FAILED", "red")
+        parts.append(Text.assemble(("  " + mark.ljust(7), style), f"{check.name}: {check.finding}"))
+    if review.metrics:
+        parts.append(_metrics_table(review))
+    if review.cuboids:
+        parts += _cuboids(review)
+    if review.queries:
+        parts += _solvers(review)
+    if review.events:
+        parts.append(Text("Events", style="bold"))
+        for line in review.events:
+            parts.append(
+                Text(f"  {line.time:8.2f} s  {line.level:5}  {line.text}", style=_LEVELS.get(line.level, ""))
+            )
+    parts.append(Text.from_markup(f"[bold]Contents[/bold]  {escape(_contents(review))}"))
+    for item in review.missing:
+        parts.append(Text(f"  missing: {item}", style="yellow"))
+    return Group(*parts)
+
+
+def _metrics_table(review: Review) -> Table:
+    from rich.table import Table
+
+    table = Table(title=None, box=None, pad_edge=True, header_style="bold")
+    table.add_column("metric")
+    for column in ("min", "at s", "max", "at s", "mean", "final"):
+        table.add_column(column, justify="right")
+    for row in review.metrics:
+        table.add_row(*_cells(row))
+    return table
+
+
+def _cells(row: MetricRow) -> tuple[str, ...]:
+    scale, unit = unit_of(row.name)
+    values = [f"{scale * value:.3f}" for value in (row.minimum, row.maximum, row.mean, row.final)]
+    name = f"{label_of(row.name)} [dim]{unit}[/dim]" if scale != 1.0 else row.name
+    at_low, at_high = f"{row.time_of_minimum:.2f}", f"{row.time_of_maximum:.2f}"
+    return (name, values[0], at_low, values[1], at_high, values[2], values[3])
+
+
+def _cuboids(review: Review) -> list[RenderableType]:
+    """Which cuboids each link was in."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=None, box=None, pad_edge=True, header_style="bold")
+    for name in ("link", "inside cuboids (share of the time)", "partly in none"):
+        table.add_column(name, overflow="fold")
+    several = len({row.robot for row in review.cuboids}) > 1
+    for row in review.cuboids:
+        name = f"{row.robot}/{row.link}" if several else row.link
+        table.add_row(name, row.words, f"{row.outside:.0%}" if row.outside else "never")
+    return [Text(f"Cuboids in use (of {review.free_cuboids})", style="bold"), table]
+
+
+def _solvers(review: Review) -> list[RenderableType]:
+    """What the solvers did, stage by stage, for each thing that was asked."""
+    from rich.text import Text
+
+    rows = stage_rows(review.queries)
+    wide = [
+        max(len(name) for name in names) for names in zip(*((r.solver, r.stage) for r in rows), strict=True)
+    ]
+    parts: list[RenderableType] = [Text.assemble(("Solver stages", "bold"), f"  {summary(review.queries)}")]
+    before = None
+    for row in rows:
+        if row.what != before:
+            parts.append(Text(f"  {row.what}"))
+            before = row.what
+        words = f"    {row.solver:{wide[0]}}  {row.stage:{wide[1]}} {row.count:5} x {row.cpu_ms:9.1f} ms"
+        parts.append(Text(words + (f"  residual {row.residuals}" if row.residuals else ""), style="dim"))
+    parts += [Text(f"  {line}", style="dim") for line in own_cuboids(review.queries)]
+    return parts
+
+
+def _contents(review: Review) -> str:
+    """How many entities of each kind the file holds."""
+    groups: dict[str, int] = {}
+    for path in review.inventory:
+        parts = path.split("/")
+        if parts[0] == "world" and len(parts) > 2:
+            name = f"{parts[1]}/{parts[2]}" if parts[1] == "robots" else parts[1]
+        else:
+            name = parts[0]
+        groups[name] = groups.get(name, 0) + 1
+    return ", ".join(f"{name} ({count})" for name, count in groups.items() if not name.startswith("__"))

@@ -1,0 +1,225 @@
+"""`Recording`: what a run writes while it happens, into one `.rrd` file that needs nothing else to be understood."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from workcell.errors import InputError, OutputError
+from workcell.files import to_json
+from workcell.ik.observing import observed
+from workcell.ik.problem import IKProblem
+from workcell.ik.result import IKResult
+from workcell.pose import Array
+from workcell.record.write.rrd import writing
+from workcell.record.write.scene_log import SceneLog
+from workcell.record.write.solver_log import SolverLog
+
+if TYPE_CHECKING:
+    from workcell.simulate.execution import Execution
+
+LEVELS = ("INFO", "WARN", "ERROR")
+
+_CHUNK_S = 0.7
+_CHUNK_WALL_S = 0.8
+
+
+@dataclass(slots=True)
+class _Buffer:
+    """Rows that are not in the file yet: poses at the frame rate, metrics at the rate they come in."""
+
+    frame_times: list[float] = field(default_factory=list)
+    frame_qpos: list[Array] = field(default_factory=list)
+    metrics: dict[str, list[tuple[Array, Array]]] = field(default_factory=dict)
+
+
+class Recording(SceneLog):
+    """An `.rrd` file being written. Use it as a context manager.
+
+    Rows are handed to the operating system at least once a simulated second, and about once a second of the clock, so that
+    a killed process leaves a readable file.
+    While it is open the file is `<name>.partial.rrd`; `close` writes the finished one to `path`. A run that ends with
+    an exception keeps the partial file, with the failure as its last event: an earlier recording at `path` is intact.
+
+    Args:
+        path: where the finished recording is to lie; its folder is made.
+        task: name of what is recorded.
+        seed: of the run.
+        frame_rate: poses and joint positions a second of simulated time. Metrics are kept at their own rate.
+
+    Raises:
+        OutputError: by every method, when the file can't be written.
+    """
+
+    def __init__(self, path: str | Path, *, task: str, seed: int = 0, frame_rate: float = 50.0) -> None:
+        self.path = Path(path)
+        self.partial_path = self.path.with_name(self.path.stem + ".partial.rrd")
+        with writing(self.partial_path):
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+        super().__init__(self.partial_path, task, seed)
+        self._solvers = SolverLog(self._writer)
+        self._period = 1.0 / frame_rate
+        self._buffer = _Buffer()
+        self._next_frame, self._last_time = -np.inf, 0.0
+        self._last_row: Array | None = None
+        self._flushed_at = clock.monotonic()
+        self._has_result, self._open = False, True
+
+    # ---- what happens ------------------------------------------------------------------------------------------
+
+    def log_states(
+        self, times: ArrayLike, qpos: ArrayLike, metrics: Mapping[str, ArrayLike] | None = None
+    ) -> None:
+        """Some steps of the simulation, in order.
+
+        Args:
+            times: (T,) or one number, simulated seconds, not decreasing.
+            qpos: (T, nq) or (nq,), raw positions.
+            metrics: by name, (T,) or (T, k) each: `clearance` and `tracking_error` in metres, and any others.
+        """
+        self._scene_logged("log_states")
+        t = np.atleast_1d(np.asarray(times, dtype=float))
+        rows = np.asarray(qpos, dtype=float).reshape(len(t), -1)
+        for k, now in enumerate(t):
+            if now >= self._next_frame - 1e-9:
+                self._buffer.frame_times.append(float(now))
+                self._buffer.frame_qpos.append(np.array(rows[k]))
+                self._next_frame = now + self._period
+        for name, values in (metrics or {}).items():
+            column = np.array(values, dtype=float).reshape(len(t), -1)
+            self._buffer.metrics.setdefault(name, []).append((np.array(t), column))
+        if len(t):
+            self._last_time, self._last_row = float(t[-1]), np.array(rows[-1])
+        frames = self._buffer.frame_times
+        if frames and (
+            frames[-1] - frames[0] >= _CHUNK_S or clock.monotonic() - self._flushed_at >= _CHUNK_WALL_S
+        ):
+            self.flush()
+
+    def log_execution(self, chunk: Execution) -> None:
+        """Consecutive rows of a simulation, with their events and contacts: what `Simulation` hands out."""
+        metrics = {
+            "clearance": chunk.clearance,
+            "tracking_error": chunk.tracking_error_m,
+            "tracking_error_rad": chunk.tracking_error_rad,
+        }
+        self.log_states(chunk.time, chunk.qpos, metrics)
+        self.log_nearest(chunk.time, chunk.clearance_points)
+        for event in chunk.events:
+            self.event(event.time, event.text, event.level)
+        for contact in chunk.contacts:
+            text = f"unintended contact: {' and '.join(contact.pair)}, {1e3 * contact.depth:.2f} mm deep"
+            self.event(contact.time, text, "ERROR")
+
+    def log_nearest(self, times: ArrayLike, points: ArrayLike) -> None:
+        """The two points that are closest at each time (T,), (T, 2, 3), drawn as a line between them."""
+        t, ends = (
+            np.atleast_1d(np.asarray(times, dtype=float)),
+            np.asarray(points, dtype=float).reshape(-1, 2, 3),
+        )
+        known = np.isfinite(ends).all(axis=(1, 2))
+        if known.any():
+            indexes = (t[known], self._step(t[known]))
+            self._writer.send_segments("world/nearest", indexes, ends[known, 0], ends[known, 1])
+
+    def event(self, time: float, text: str, level: str = "INFO") -> None:
+        """One line of the event log, at simulated seconds; levels: INFO, WARN, ERROR."""
+        if level not in LEVELS:
+            raise InputError(f"there is no event level {level!r}", where="level", remedy=", ".join(LEVELS))
+        self._writer.log_text("log", time, self._step(time), text, level)
+        self._writer.flush()
+
+    @contextmanager
+    def queries(self, what: str) -> Iterator[None]:
+        """Records every query of inverse kinematics that is answered meanwhile in this thread, with its solver's stages.
+
+        Where these are nested, a query counts for the innermost one. `what` says what is asked.
+        """
+
+        def answered(problem: IKProblem, result: IKResult) -> None:
+            cuboids = None
+            if result.cuboids is not None and problem.free_space is not None:
+                numbers = np.append(self._cuboids.add_free_space(problem.free_space), -1)
+                cuboids = numbers[result.cuboids]
+            when = (self._last_time, self._step(self._last_time))
+            self._solvers.add(what, problem, result, when, cuboids)
+            if clock.monotonic() - self._flushed_at >= _CHUNK_WALL_S:
+                self.flush()
+
+        with observed(answered):
+            yield
+
+    def set_result(self, result: Mapping[str, Any]) -> None:
+        """The run's summary: kept in the recording, so that a review needs no other file."""
+        self._writer.log_document("result", to_json(result))
+        plain = {str(k): v for k, v in result.items() if isinstance(v, (bool, int, float, str))}
+        self._writer.log_property("run", self._properties() | plain)
+        self._has_result = True
+
+    def _properties(self) -> dict[str, Any]:
+        return {key: self._manifest[key] for key in ("format", "workcell", "task", "seed")}
+
+    # ---- the file ----------------------------------------------------------------------------------------------
+
+    def flush(self) -> None:
+        """Writes what has been logged so far."""
+        buffer, self._buffer = self._buffer, _Buffer()
+        if buffer.frame_times:
+            self._send_frames(np.array(buffer.frame_times), np.array(buffer.frame_qpos))
+        for name, pieces in buffer.metrics.items():
+            times = np.concatenate([piece[0] for piece in pieces])
+            self._send_metric(name, times, np.concatenate([piece[1] for piece in pieces]))
+        self._solvers.send()
+        super().flush()
+        self._flushed_at = clock.monotonic()
+
+    def close(self) -> Path:
+        """Finishes the file and gives it its name; returns it."""
+        if self._open:
+            self._add_last_frame()
+            self.flush()
+            self._open = False
+            self._writer.finish(self.path)
+        return self.path
+
+    def fail(self, reason: str, status: str = "ERROR") -> Path:
+        """Finishes the file with the reason as its last event, and leaves it at `partial_path`; returns that."""
+        if self._open:
+            self._open = False
+            try:
+                self._add_last_frame()
+                self.flush()
+                self.event(self._last_time, reason, "ERROR")
+                if not self._has_result:
+                    self.set_result({"achieved": False, "status": status, "message": reason})
+                self._writer.finish(self.partial_path)
+            except OutputError:
+                pass  # the disk is what failed: what reached it stays readable
+        return self.partial_path
+
+    def __enter__(self) -> Recording:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None:
+            self.close()
+        elif isinstance(error, KeyboardInterrupt):
+            self.fail("the run was interrupted", "INTERRUPTED")
+        else:
+            self.fail(f"the run stopped: {error}")
+
+    def _add_last_frame(self) -> None:
+        """The last state is in the file whatever the frame rate."""
+        if self._last_row is not None and self._last_time > self._next_frame - self._period + 1e-9:
+            self._buffer.frame_times.append(self._last_time)
+            self._buffer.frame_qpos.append(self._last_row)

@@ -1,0 +1,164 @@
+"""Runs whole problem sets, and re-checks answers without any solver."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from workcell.ik.check import STATUS_OF_SCOPE, check_certificate
+from workcell.ik.judge.verify import verify
+from workcell.ik.portfolio import AUTO
+from workcell.ik.problem import Budget
+from workcell.ik.result import IKResult, Status
+from workcell.ik.solve import check_solver_name, solve
+from workcell.sets.answers import Answer, answer_line, certificate_folder, read_answers
+from workcell.sets.problems import NamedProblem, ProblemSet
+from workcell.sets.reports import SolveSummary, VerifyReport
+from workcell.sets.workers import output_file, run_lines, write_line
+
+Progress = Callable[[], object]
+
+
+def problem_seed(seed: int, identity: str) -> int:
+    """The seed of one problem: it depends on the run's seed and the problem's id alone, not on order or processes."""
+    return int.from_bytes(hashlib.sha256(f"{seed}:{identity}".encode()).digest()[:4], "big")
+
+
+def solve_set(
+    problem_set: ProblemSet,
+    *,
+    solver: str = AUTO,
+    budget: Budget | None = None,
+    seed: int = 0,
+    jobs: int = 1,
+    out: Path | None = None,
+    progress: Progress | None = None,
+) -> SolveSummary:
+    """Solve every problem of a set.
+
+    Args:
+        problem_set: as `load_problem_set` reads it.
+        solver: a name that `workcell.ik.solve.solve` takes.
+        budget: CPU seconds a problem.
+        seed: of the run; each problem has its own, derived from it and the id.
+        jobs: processes.
+        out: JSON lines, one a problem in the set's order. They are written to `<out>.partial` as they are found
+            and renamed at the end: an earlier file stays until then, and an interrupted run leaves the partial one.
+        progress: called after every problem.
+
+    Raises:
+        UnknownNameError: no such solver. OutputError: `out` can't be written.
+        KeyboardInterrupt: interrupted; its message says where the answers so far are.
+    """
+    check_solver_name(solver)
+    started = time.perf_counter()
+    task = _Task(
+        problem_set.problems,
+        solver,
+        budget or Budget(),
+        seed,
+        None if out is None else certificate_folder(out),
+    )
+    statuses, solvers, cpu = Counter[str](), Counter[str](), []
+    with output_file(out) as file:
+        for line in run_lines(task, jobs):
+            if file is not None:
+                write_line(file, line)
+            statuses[line["status"]] += 1
+            if line["status"] not in (Status.NOT_FOUND.value, Status.SOLVER_ERROR.value):
+                solvers[line["solver"]] += 1
+            cpu.append(line["cpu_s"])
+            if progress is not None:
+                progress()
+    return SolveSummary(
+        problem_set.name,
+        problem_set.robot.name,
+        solver,
+        seed,
+        dict(statuses),
+        dict(solvers),
+        tuple(cpu),
+        time.perf_counter() - started,
+    )
+
+
+def verify_answers(problem_set: ProblemSet, answers: Path) -> VerifyReport:
+    """Re-check configurations and certificates of an answer file, without any solver.
+
+    Raises:
+        InputError: the file can't be read. Lines that are no answers are refused in the report, by number.
+    """
+    problems = {named.id: named for named in problem_set.problems}
+    report = VerifyReport(len(problems))
+    seen: set[str] = set()
+    for answer in read_answers(answers):
+        if isinstance(answer, str):
+            report.refused.append(answer)
+        elif answer.id not in problems:
+            report.refused.append(f"line {answer.line}: the set has no problem {answer.id!r}")
+        elif answer.id in seen:
+            report.refused.append(f"line {answer.line}: a second answer to {answer.id!r}")
+        else:
+            seen.add(answer.id)
+            _judge(problems[answer.id], answer, report)
+    return report
+
+
+def _judge(named: NamedProblem, answer: Answer, report: VerifyReport) -> None:
+    if answer.status is Status.SOLVED:
+        reason = _judge_configuration(named, answer, report)
+    elif answer.status.is_proof:
+        reason = _judge_proof(named, answer)
+        report.proved += reason is None
+    else:
+        reason = None
+        report.unanswered += 1
+    if reason is not None:
+        report.unanswered += 1
+        report.refused.append(f"line {answer.line}: {answer.id}: {reason}")
+
+
+def _judge_configuration(named: NamedProblem, answer: Answer, report: VerifyReport) -> str | None:
+    if answer.q is None:
+        return "claims SOLVED without a configuration"
+    verdict = verify(named.problem, answer.q)
+    if not verdict.accepted:
+        return "; ".join(verdict.reasons)
+    report.solved += 1
+    report.position_error = max(report.position_error, verdict.position_error)
+    report.rotation_error = max(report.rotation_error, verdict.rotation_error)
+    report.clearance = min(report.clearance, verdict.clearance.distance)
+    return None
+
+
+def _judge_proof(named: NamedProblem, answer: Answer) -> str | None:
+    if answer.certificate is None:
+        return f"claims {answer.status.value} without a certificate"
+    if STATUS_OF_SCOPE[answer.certificate.scope] is not answer.status:
+        return f"claims {answer.status.value}, but the certificate is about {answer.certificate.scope!r}"
+    refusal = check_certificate(named.problem, answer.certificate)
+    return None if refusal is None else f"the certificate does not hold: {refusal}"
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """What a worker process needs."""
+
+    problems: tuple[NamedProblem, ...]
+    solver: str
+    budget: Budget
+    seed: int
+    certificates: Path | None
+
+    def __len__(self) -> int:
+        return len(self.problems)
+
+    def line(self, index: int) -> dict[str, Any]:
+        named = self.problems[index]
+        result: IKResult = solve(named.problem, self.solver, self.budget, problem_seed(self.seed, named.id))
+        return answer_line(named.id, result, self.certificates)

@@ -1,0 +1,1 @@
+"""A task, from its script to what its run came to."""

@@ -1,0 +1,132 @@
+"""`run_task`: a task script found, run, recorded and summed up, whatever happens in it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from workcell.compile_ahead import PLANNING, SAMPLING, TRACKING, compile_ahead, compiling_seconds
+from workcell.errors import InputError, UnknownNameError
+from workcell.files import check_writable, write_json_atomic
+from workcell.ik.result import Status
+from workcell.jit import announce_compiling
+from workcell.model.loading.assets import find_task
+from workcell.model.overlap import start_overlap
+from workcell.model.scene import Scene
+from workcell.record.write.recording import Recording
+from workcell.simulate.controller import CONTROLLERS
+from workcell.task.job import Job
+from workcell.task.script import TaskFailedError, load_script, run_script
+
+PLANNERS = ("ikspark", "cidgik", "auto")
+"""Names that `planner` takes."""
+
+
+@dataclass(frozen=True, slots=True)
+class JobResult:
+    """How a run ended, and where its files are."""
+
+    achieved: bool
+    status: str
+    sentence: str
+    summary: dict[str, Any]
+    recording: Path
+    summary_path: Path
+
+    @property
+    def impossible(self) -> bool:
+        """Whether the run ended with a proof that the task can't be done."""
+        return self.status in {status.value for status in Status if status.is_impossible}
+
+
+def run_task(
+    task: str | Path,
+    *,
+    robot: str | None = None,
+    planner: str = "ikspark",
+    controller: str = "computed_torque",
+    seed: int = 0,
+    out: str | Path | None = None,
+    say: Callable[[str], None] = print,
+) -> JobResult:
+    """Run a task script and leave `<task>.rrd` and `<task>.json` in `out` (default: `runs/<task>`).
+
+    Whatever happens, Ctrl-C included, what was recorded until then stays readable.
+
+    Raises:
+        WorkcellError: bad input, a start in collision among it; OutputError: the folder can't be written.
+        ScriptError: the script itself failed, with its line.
+    """
+    if planner not in PLANNERS:
+        raise UnknownNameError("planner", planner, PLANNERS)
+    if controller not in CONTROLLERS:
+        raise UnknownNameError("controller", controller, CONTROLLERS)
+    began = time.perf_counter()
+    compile_ahead(TRACKING, PLANNING, SAMPLING)
+    path = find_task(task)
+    script = load_script(path)
+    scene = Scene.load(path, robot=robot, seed=seed)
+    _check_starts(scene)
+    folder = Path(out) if out is not None else Path("runs") / path.stem
+    name = scene.name
+    summary: dict[str, Any] = {
+        "task": name,
+        "robot": scene.robot().robot.name if len(scene.robots) == 1 else sorted(scene.robots),
+        "planner": planner,
+        "controller": controller,
+        "seed": seed,
+        "achieved": False,
+        "status": "INTERRUPTED",
+        "sentence": "The run was interrupted.",
+        "planning_s": 0.0,
+        "min_clearance_m": None,
+        "max_tracking_error_m": None,
+    }
+    recording_path, summary_path = folder / f"{name}.rrd", folder / f"{name}.json"
+    check_writable(recording_path)
+    check_writable(summary_path)
+    recording = Recording(recording_path, task=name, seed=seed)
+    job = Job(scene, planner, controller, seed, recording, say, summary, began)
+    compiled_before = compiling_seconds()
+    announce_compiling(lambda: say("compiling kernels: once on this machine, a minute or two"))
+    try:
+        with recording, recording.queries("task script"):
+            recording.log_scene(scene)
+            try:
+                run_script(script, job)
+                summary.update(achieved=True, status="ACHIEVED", sentence="The task was achieved.")
+            except TaskFailedError as failure:
+                summary.update(achieved=False, status=failure.status, sentence=failure.sentence)
+                job.say(f"{failure.status}: {failure.sentence}", level="ERROR")
+            summary["compiling_s"] = compiling_seconds() - compiled_before
+            summary["wall_s"] = time.perf_counter() - began
+            recording.set_result(summary)
+    except BaseException:
+        say(f"stopped; what was recorded until then: {recording.partial_path}")
+        raise
+    finally:
+        announce_compiling(None)
+    write_json_atomic(summary_path, summary)
+    return JobResult(
+        bool(summary["achieved"]),
+        str(summary["status"]),
+        str(summary["sentence"]),
+        summary,
+        recording_path,
+        summary_path,
+    )
+
+
+def _check_starts(scene: Scene) -> None:
+    """Raise InputError, with the pair and the depth, for a robot that stands in something before anything moves."""
+    for name in scene.robots:
+        if overlap := start_overlap(scene, name):
+            what, remedy = overlap
+            raise InputError(
+                f"the start is in collision: {what}",
+                where=f"{scene.path}: robot {name!r} start",
+                remedy=f"{remedy}; `workcell check` looks at the start alone",
+            )

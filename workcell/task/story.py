@@ -1,0 +1,137 @@
+"""A run's story: what a task script says, measures and judges, on the terminal, in the recording and in the summary."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, NoReturn
+
+import numpy as np
+
+from workcell.compile_ahead import compiling_seconds
+from workcell.model.scene import Scene
+from workcell.motion.path import Path
+from workcell.pose import Array
+from workcell.record.write.recording import Recording
+from workcell.simulate.execution import Execution
+from workcell.simulate.simulation import Simulation
+from workcell.task.script import TaskFailedError
+from workcell.world.planning_world import PlanningWorld
+
+
+@dataclass(slots=True)
+class Story:
+    """A run of a task as far as it is told: on the terminal, in the recording, in the summary.
+
+    Attributes:
+        scene: the compiled scene of the task file.
+        planner: name of the solver for configurations and paths.
+        controller: name of what drives the motors (`workcell.simulate.controller.CONTROLLERS`).
+        seed: same seed, same plan.
+        recording: the open `.rrd`.
+        tell: where lines of the story go.
+        summary: what `DIR/<task>.json` will hold.
+        began: `time.perf_counter()` when the run began.
+        sim_time: seconds simulated so far, the time of the events that are logged.
+        ways: tool positions (k, 3) of the plans logged so far, by the robot's name.
+        trying: whether what is planned now is a try (see `can`).
+    """
+
+    scene: Scene
+    planner: str
+    controller: str
+    seed: int
+    recording: Recording
+    tell: Callable[[str], None]
+    summary: dict[str, Any]
+    began: float
+    sim_time: float = 0.0
+    ways: dict[str, list[Array]] = field(default_factory=dict)
+    trying: bool = False
+
+    def say(self, text: str, level: str = "INFO") -> None:
+        """One line of the story, on the terminal and in the recording's log."""
+        if self.trying:
+            return
+        self.recording.event(self.sim_time, text, level)
+        self.tell(f"[{time.perf_counter() - self.began:6.2f} s] {text}")
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        """Time a phase; the summary gets `<name>_s`, summed over phases of one name, without what compiling kernels took."""
+        start = time.perf_counter() - compiling_seconds()
+        try:
+            yield
+        finally:
+            key = f"{name}_s"
+            self.summary[key] = self.summary.get(key, 0.0) + time.perf_counter() - compiling_seconds() - start
+
+    def fail(self, status: str, sentence: str) -> NoReturn:
+        """End the task as not achieved."""
+        raise TaskFailedError(status, sentence)
+
+    def log_world(self, world: PlanningWorld) -> None:
+        """Sphere cover and free space into the recording, their numbers into the story."""
+        self.recording.log_cover(world.robot, world.cover, self.scene.initial_qpos())
+        self.recording.log_free_space(world.free_space)
+        self.say(
+            f"{self.scene.name}: {len(world.obstacles)} obstacle pieces, {len(world.cover)} robot spheres, "
+            f"{len(world.free_space)} free-space cuboids"
+        )
+
+    def log_plan(self, path: Path) -> None:
+        """A planned way of the tool into the recording, after those that were planned for this robot before."""
+        self._log_way(path.robot.name, path.robot.fk_transform(path.configurations))
+
+    def _log_way(self, robot: str, tools: Array) -> None:
+        """Tool poses (k, 4, 4) behind those that were logged for this robot before."""
+        self.ways.setdefault(robot, []).append(tools[:, :3, 3])
+        self.recording.log_plan(robot, np.concatenate(self.ways[robot]))
+
+    def simulation(self) -> Simulation:
+        """A simulation of the scene that logs into the recording."""
+        return Simulation(self.scene, controller=self.controller, on_chunk=self._log_chunk)
+
+    def tool_trace(self, simulation: Simulation, begin: float, end: float) -> Array:
+        """(k, 3) where the tool was, in the world, between two moments of the simulation (seconds)."""
+        rows = simulation.result()
+        points: Array = rows.tool_position[(rows.time >= begin) & (rows.time <= end)]
+        return points
+
+    def _log_chunk(self, chunk: Execution) -> None:
+        self.recording.log_execution(chunk)
+        if len(chunk):
+            self.sim_time = float(chunk.time[-1])
+        for event in chunk.events:
+            self.tell(f"[{time.perf_counter() - self.began:6.2f} s] at {event.time:5.2f} s: {event.text}")
+
+    def judge(self, simulation: Simulation, conditions: Mapping[str, bool]) -> None:
+        """Write what the simulation measured into the summary; the task fails unless every condition holds.
+
+        Beside the given conditions: the run was not stopped, nothing touched that should not, clearance stayed at
+        or above zero.
+        """
+        execution = simulation.result()
+        pair = execution.min_clearance_pair
+        self.summary.update(
+            simulated_s=simulation.time,
+            min_clearance_m=execution.min_clearance,
+            min_clearance_pair=list(pair),
+            max_tracking_error_m=float(execution.tracking_error_m.max(initial=0.0)),
+            unintended_contacts=len(execution.contacts),
+        )
+        if execution.stop is not None:
+            self.fail(
+                execution.stop.reason.value, f"{execution.stop.reason.sentence} {execution.stop.detail}"
+            )
+        checks = {
+            "no unintended contact": not execution.contacts,
+            "clearance never below zero": execution.min_clearance >= 0.0,
+            **conditions,
+        }
+        self.summary["conditions"] = checks
+        missed = [name for name, holds in checks.items() if not holds]
+        if missed:
+            self.fail("FAILED", f"The job was executed, but: not {'; not '.join(missed)}.")

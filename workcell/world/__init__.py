@@ -1,0 +1,1 @@
+"""A scene as planners see it: covers, obstacle pieces, free space, and the truth behind them."""

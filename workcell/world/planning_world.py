@@ -1,0 +1,246 @@
+"""`PlanningWorld`: a scene as the planners see it: sphere cover, obstacle pieces, free space, and the truth beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from workcell.errors import InputError, UnknownNameError
+from workcell.geometry.covers.outer import attached_cover, merge_covers
+from workcell.geometry.free_space.cuboids import biased_seeds, inflate_cuboids, outermost
+from workcell.geometry.pieces import scene_obstacles
+from workcell.geometry.types import FreeSpace, Piece, SphereCover, obstacle_name
+from workcell.ik.problem import Clearance, IKProblem, Tolerances
+from workcell.model.collision_model import CollisionModel, geom_name
+from workcell.model.grip import fingers_at, fingers_holding, hand_clearance
+from workcell.model.robot import Robot
+from workcell.model.scene import Scene
+from workcell.model.scene_parts import SceneRobot
+from workcell.pose import Array, Pose
+from workcell.world.hand_cover import cover_with_fingers
+from workcell.world.inner_model import inner_model
+
+
+@dataclass(frozen=True, slots=True)
+class PlanningWorld:
+    """What a planner needs to know about one robot in a scene. Build one with `PlanningWorld.of`.
+
+    Attributes:
+        scene: the compiled scene.
+        robot: the planned robot in it.
+        cover: outer spheres of the robot, and of what it carries, in link frames.
+        obstacles: convex pieces of everything else, in the world frame.
+        free_space: cuboids proved disjoint from every obstacle.
+        collision: the compiled model's distances, which alone decide.
+        attached: (object, T_tool_object) that the hand carries, or None.
+        overshoot: of the covers, metres.
+        seed: of the free space's seeds.
+    """
+
+    scene: Scene
+    robot: SceneRobot
+    cover: SphereCover
+    obstacles: tuple[Piece, ...]
+    free_space: FreeSpace
+    collision: CollisionModel
+    attached: tuple[str, Pose] | None = None
+    overshoot: float = 0.02
+    seed: int = 0
+
+    @staticmethod
+    def of(
+        scene: Scene,
+        robot: str | None = None,
+        *,
+        tool: str | None = None,
+        overshoot: float = 0.02,
+        opening: float = 1.0,
+        approached: Iterable[str] = (),
+        towards: Iterable[Array] = (),
+        seed: int = 0,
+    ) -> PlanningWorld:
+        """Cover the robot, collect the obstacles and inflate free space around where the robot will be.
+
+        Args:
+            scene: the scene.
+            robot: the robot's name; None: the only one.
+            tool: the site to place; None: the robot's own.
+            overshoot: of the sphere cover, metres.
+            opening: of the gripper: 1 is where the scene has it, 0 closed.
+            approached: objects (by name) that the hand is to come closer to than its spheres allow, such as one about to be
+                grasped. They are left out of the planners' obstacles; the compiled model counts them as ever.
+            towards: configurations (n,) that the free space should hold, besides the start.
+            seed: of the free space's random seeds.
+        """
+        actor = scene.robot(robot)
+        if opening != 1.0:
+            actor = replace(actor, fingers=fingers_at(scene, actor, opening))
+            scene = replace(scene, robots={**scene.robots, actor.name: actor})
+        if tool is not None:
+            actor = replace(actor, robot=replace(actor.robot, default_tool=actor.robot.tool(tool).name))
+        world = PlanningWorld(
+            scene=scene,
+            robot=actor,
+            cover=cover_with_fingers(scene, actor, overshoot),
+            obstacles=scene_obstacles(scene, actor.name, exclude_objects=tuple(approached)),
+            free_space=FreeSpace(np.zeros((0, 3)), np.zeros((0, 3))),
+            collision=CollisionModel(scene, actor.name),
+            overshoot=overshoot,
+            seed=seed,
+        )
+        return world.with_free_space_around([actor.start, *towards])
+
+    def holding(self, thing: str, T_tool_object: Pose, *, towards: Iterable[Array] = ()) -> PlanningWorld:
+        """The world once the hand holds an object: it is part of the robot, its spheres move with the hand.
+
+        The gripper's fingers stand closed on it from then on, in the cover and in the compiled model alike.
+
+        Args:
+            thing: the object's name.
+            T_tool_object: how it stands in the tool's frame.
+            towards: configurations (n,) that the free space should hold.
+        """
+        actor = replace(self.robot, fingers=fingers_holding(self.scene, self.robot, thing, T_tool_object))
+        scene = replace(self.scene, robots={**self.scene.robots, actor.name: actor})
+        carried = attached_cover(scene, actor, thing, T_tool_object, overshoot=self.overshoot)
+        world = replace(
+            self,
+            scene=scene,
+            robot=actor,
+            cover=merge_covers(cover_with_fingers(scene, actor, self.overshoot), carried),
+            obstacles=scene_obstacles(scene, actor.name, exclude_objects=(thing,)),
+            free_space=FreeSpace(np.zeros((0, 3)), np.zeros((0, 3))),
+            attached=(thing, T_tool_object),
+            collision=CollisionModel(scene, actor.name, attached=(thing, T_tool_object)),
+        )
+        return world.with_free_space_around(towards)
+
+    def standing_on(self, supports: Iterable[str]) -> PlanningWorld:
+        """The same world while the carried object still stands on `supports` (geoms), which it may touch."""
+        if self.attached is None:
+            raise InputError("the hand holds nothing", where="supports", remedy="call holding first")
+        standing = tuple(supports)
+        pairs = _geom_pairs(self.scene, self.attached[0], standing)
+        return replace(
+            self,
+            obstacles=tuple(piece for piece in self.obstacles if piece.name not in standing),
+            collision=CollisionModel(
+                self.scene, self.robot.name, attached=self.attached, allowed_geoms=pairs
+            ),
+        )
+
+    def without(self, robots: Iterable[str]) -> PlanningWorld:
+        """The same world as if some other robots were not there: for arms whose motions are proved together.
+
+        Raises:
+            UnknownNameError: no such robot.
+        """
+        others = frozenset[int]().union(*(self.scene.robot(name).body_ids for name in robots))
+        names = {self.scene.model.body(body).name for body in others}
+        return replace(
+            self,
+            obstacles=tuple(piece for piece in self.obstacles if piece.body not in names),
+            collision=self.collision.ignoring(names),
+        )
+
+    def close_to(self, geoms: Iterable[str]) -> PlanningWorld:
+        """The same world for a motion that comes closer to some geoms than the robot's spheres allow.
+
+        They are left out of the planners' obstacles; the compiled model, which decides and proves, counts them as ever.
+
+        Raises:
+            UnknownNameError: no obstacle has that name.
+        """
+        near, known = tuple(geoms), {piece.name for piece in self.obstacles}
+        absent = [name for name in near if name not in known and not self._is_carried(name)]
+        if absent:
+            raise UnknownNameError("geom", absent[0], known, where="close_to")
+        return replace(self, obstacles=tuple(piece for piece in self.obstacles if piece.name not in near))
+
+    def _is_carried(self, geom: str) -> bool:
+        return self.attached is not None and geom.startswith(f"{self.attached[0]}/")
+
+    def relaxed(self, problem: IKProblem, names: Collection[str]) -> IKProblem:
+        """A question of this world with some obstacles (`obstacle_name`) out of the way, for all who judge it."""
+        model = self.scene.model
+        bodies = {model.body(b).name for b in range(model.nbody)}.intersection(names)
+        collision = self.collision.ignoring(bodies, [name for name in names if name not in bodies])
+        kept = tuple(piece for piece in problem.obstacles if obstacle_name(piece) not in names)
+        world = replace(self, obstacles=kept, collision=collision)
+        return replace(problem, obstacles=kept, checker=world.clearance, inner=world._inside, free_space=None)
+
+    def problem(self, target: Pose, *, q_reference: Array | None = None, margin: float = 0.0) -> IKProblem:
+        """The question: bring the tool to `target`, at least `margin` metres clear of everything."""
+        return IKProblem(
+            robot=self.robot.robot,
+            target=target,
+            obstacles=self.obstacles,
+            cover=self.cover,
+            free_space=self.free_space,
+            checker=self.clearance,
+            tool_pose=self.tool_pose,
+            q_reference=q_reference,
+            tolerances=Tolerances(safety_margin=margin),
+            inner=self._inside,
+            without=self.relaxed,
+        )
+
+    def _inside(self, problem: IKProblem) -> IKProblem:
+        """The same question about spheres inside the robot among the obstacles that it really collides with."""
+        model = inner_model(self.scene, self.robot, problem.obstacles, self.collision)
+        return replace(
+            problem,
+            cover=model.cover,
+            obstacles=model.obstacles,
+            self_collision=model.self_pairs,
+            free_space=None,
+            inner=None,
+        )
+
+    def clearance(self, q: Array) -> Clearance:
+        """Smallest signed distance on the compiled model at `q` (n,)."""
+        found = self.collision.distance(q)
+        return Clearance(found.distance, found.pair)
+
+    def hand_clearance(self, target: Pose, ignored: Iterable[str] = ()) -> float:
+        """How far the hand alone would be from all but what it holds at a tool pose, metres: a cheap question before IK."""
+        held = () if self.attached is None else (self.attached[0],)
+        return hand_clearance(self.scene, self.robot, target, (*ignored, *held))
+
+    def tool_pose(self, q: Array) -> Pose:
+        """`T_world_tool` on the compiled model at `q` (n,)."""
+        return self.collision.site_pose(self.robot.robot.default_tool, q)
+
+    def with_free_space_around(self, configurations: Iterable[Array]) -> PlanningWorld:
+        """The same world with cuboids inflated around more configurations (k, n)."""
+        wanted = list(configurations)
+        if not wanted:
+            return self
+        seeds = biased_seeds(self.robot.robot, self.cover, np.array(wanted), seed=self.seed)
+        more = inflate_cuboids(seeds, self.obstacles, workspace_bounds(self.robot.robot))
+        lower = np.concatenate([self.free_space.lower, more.lower])
+        upper = np.concatenate([self.free_space.upper, more.upper])
+        kept = outermost(lower, upper)
+        return replace(self, free_space=FreeSpace(lower[kept], upper[kept]))
+
+
+def _geom_pairs(scene: Scene, thing: str, supports: Iterable[str]) -> list[tuple[int, int]]:
+    """Every geom of an object with every support."""
+    model = scene.model
+    mine = scene.object(thing).body_ids
+    known = [geom_name(model, g) for g in range(model.ngeom)]
+    below = []
+    for name in supports:
+        if name not in known:
+            raise UnknownNameError("geom", name, known, where="supports")
+        below.append(known.index(name))
+    return [(g, other) for g in range(model.ngeom) if int(model.geom_bodyid[g]) in mine for other in below]
+
+
+def workspace_bounds(robot: Robot, slack: float = 0.2) -> Array:
+    """(2, 3) corners of a box that holds every point the robot can reach, its base included, with `slack` metres."""
+    origin = robot.T_world_base.apply(robot.joint_xyz[0])
+    radius = robot.reach() + slack
+    return np.array([origin - radius, origin + radius])

@@ -86,8 +86,7 @@ def _cover(robot: Robot, cover: SphereCover, shrunk: bool) -> tuple[Array, Array
     order = np.argsort(cover.link, kind="stable")
     link = cover.link[order]
     centre = np.einsum("kji,kj->ki", axis_frames(robot)[link], cover.centre[order])
-    radius = cover.radius - cover.overshoot if shrunk and cover.overshoot is not None else cover.radius
-    radius = np.maximum(radius, 0.0)[order]
+    radius = (cover.bare_radius if shrunk else cover.radius)[order]
     spheres = np.column_stack([centre, radius, order.astype(float), link.astype(float)])
     balls = np.zeros((robot.dof + 1, 6))
     first, last = np.searchsorted(link, np.arange(robot.dof + 1), "left"), np.searchsorted(link, np.arange(robot.dof + 1), "right")  # fmt: skip

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from workcell.errors import InputError
+from workcell.identity_cache import ByIdentity
 from workcell.pose import Array, Pose, read_only
 
 PieceKind = Literal["box", "sphere", "capsule", "cylinder", "ellipsoid", "halfspace", "hull"]
@@ -22,6 +23,9 @@ _SIZES: dict[str, int] = {
     "halfspace": 0,
     "hull": 0,
 }
+_SMALLEST = 1e-5
+"""Metres: radius that a sphere keeps when all of it is overshoot."""
+_bare = ByIdentity()
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +106,26 @@ class SphereCover:
 
     def __len__(self) -> int:
         return len(self.radius)
+
+    @property
+    def bare_radius(self) -> Array:
+        """(m,) metres: the radii less the overshoot, zero where all of a sphere is overshoot."""
+        assert self.overshoot is not None  # set in __post_init__
+        bare: Array = np.maximum(self.radius - self.overshoot, 0.0)
+        return bare
+
+    def without_overshoot(self) -> SphereCover:
+        """The spheres less their overshoot: they no longer contain the geometry.
+
+        The same object for the same cover, and the cover itself where nothing sticks out.
+        """
+        return _bare.get((self,), self._shrunk)
+
+    def _shrunk(self) -> SphereCover:
+        if not np.any(self.overshoot):
+            return self
+        radius = np.maximum(self.bare_radius, _SMALLEST)
+        return replace(self, radius=radius, overshoot=np.zeros(len(radius)), kind="given")
 
     def centres_world(self, link_transforms: Array) -> Array:
         """World centres (..., m, 3), given `Robot.link_transforms(q)` (..., n + 1, 4, 4)."""

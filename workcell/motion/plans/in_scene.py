@@ -33,8 +33,6 @@ if TYPE_CHECKING:
 
 _SAMPLES = 200
 """Configurations that tell which pairs of the cover's spheres always touch."""
-_SMALLEST = 1e-5
-"""Metres: radius that a sphere keeps when its overshoot is taken away."""
 
 
 def plan_in_world(
@@ -198,12 +196,9 @@ def _models(
 ) -> Iterator[tuple[Body, Array]]:
     """The robot as the kernels see it, by its cover and by the cover without its overshoot, and the goals clear there."""
     robot, cover = world.robot.robot, world.cover
-    assert cover.overshoot is not None  # always set by SphereCover
-    choices = [(cover, settings.clearance)]
-    if np.any(cover.overshoot > 0):
-        radius = np.maximum(cover.radius - cover.overshoot, _SMALLEST)
-        slim = replace(cover, radius=radius, overshoot=np.zeros(len(radius)), kind="given")
-        choices.append((slim, settings.clearance + settings.spare))
+    choices, bare = [(cover, settings.clearance)], cover.without_overshoot()
+    if bare is not cover:
+        choices.append((bare, settings.clearance + settings.spare))
     for spheres, keep in choices:
         pairs = self_collision_pairs(
             robot,

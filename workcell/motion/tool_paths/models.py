@@ -14,7 +14,6 @@ from workcell.identity_cache import ByIdentity
 from workcell.ik.problem import IKProblem
 from workcell.ik.shared.packing import pack_world
 from workcell.model.collision_model import CollisionModel
-from workcell.pose import Array
 
 if TYPE_CHECKING:
     from workcell.kernels.structures import World
@@ -23,9 +22,7 @@ ROOM, GENEROUS = 1e-3, 6e-3
 """Metres of clearance beyond what is asked for that waypoints keep where they can: what lies between them needs some."""
 _SAMPLES = 200
 """Configurations that tell which pairs of spheres always touch."""
-_SMALLEST = 1e-5
-"""Metres: radius that a sphere keeps when its overshoot is taken away."""
-_pairs, _bare_covers = ByIdentity(), ByIdentity()
+_pairs = ByIdentity()
 
 
 def worlds(template: IKProblem, keep: float) -> list[World]:
@@ -36,15 +33,9 @@ def worlds(template: IKProblem, keep: float) -> list[World]:
     """
     outer = pack_world(_with_pairs(template, template.cover))
     made = [outer._replace(required=keep + ROOM)]
-    cover = template.cover
-    if (
-        template.checker is not None
-        and cover is not None
-        and cover.overshoot is not None
-        and np.any(cover.overshoot)
-    ):
-        radius = np.maximum(cover.radius - cover.overshoot, _SMALLEST)
-        inner = pack_world(_with_pairs(template, _bare(cover, radius)))
+    bare = None if template.cover is None else template.cover.without_overshoot()
+    if template.checker is not None and bare is not template.cover:
+        inner = pack_world(_with_pairs(template, bare))
         made += [inner._replace(required=keep + more) for more in (GENEROUS, ROOM)]
     return [*made, made[-1]._replace(required=keep)]
 
@@ -68,11 +59,3 @@ def _self_pairs(problem: IKProblem, collision: CollisionModel) -> NDArray[np.int
         robot, cover, links=collision.self_links, known_free=free, samples=_SAMPLES, prove=False
     )
     return np.array(found.pairs)
-
-
-def _bare(cover: SphereCover, radius: Array) -> SphereCover:
-    """The cover with its spheres without their overshoot; the same object for the same cover."""
-    return _bare_covers.get(
-        (cover,),
-        lambda: replace(cover, radius=radius, overshoot=np.zeros(len(radius)), kind="given"),
-    )

@@ -12,10 +12,10 @@ from workcell.ik import solve as module
 from workcell.ik.certificate import Certificate, problem_hash
 from workcell.ik.elementary.bounds import prove_impossible
 from workcell.ik.judge.verify import verify
-from workcell.ik.multistart.solver import solve_multistart
 from workcell.ik.problem import Budget, Clearance, IKProblem
+from workcell.ik.registry import Turn, solver_names
 from workcell.ik.result import Candidate, Status
-from workcell.ik.solve import check_solver_name, solve, solver_names
+from workcell.ik.solve import check_solver_name, solve
 from workcell.pose import Pose
 
 
@@ -30,7 +30,7 @@ def _with_solver(monkeypatch, candidate):
             raise candidate
         return candidate
 
-    monkeypatch.setitem(module._SOLVERS, "multistart", propose)
+    monkeypatch.setattr("workcell.ik.multistart.solver.solve_multistart", propose)
 
 
 @pytest.mark.parametrize(
@@ -130,11 +130,8 @@ def test_a_solver_that_does_not_apply_is_passed_over_by_auto_alone(monkeypatch):
     target = robot.fk(robot.random_configuration(np.random.default_rng(1)))
     with pytest.raises(InputError):
         solve(IKProblem(robot, target), "ikspark")
-    stages = (
-        module.Turn("ikspark", module._SOLVERS["ikspark"], share=0.5),
-        module.Turn("multistart", solve_multistart),
-    )
-    monkeypatch.setattr(module, "_portfolio", lambda dof: stages)
+    turns = (Turn("ikspark", share=0.5), Turn("multistart"))
+    monkeypatch.setattr(module, "auto_turns", lambda dof, goal: turns)
     result = solve(IKProblem(robot, target))
     assert result.solved and "ikspark does not apply" in result.rejected[0]
 

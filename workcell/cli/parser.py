@@ -7,6 +7,7 @@ import argparse
 from workcell.cli import values
 from workcell.cli.arguments import Commands, command, json_option, late, seed_option
 from workcell.cli.solving_grammar import add_bench, add_solving
+from workcell.ik.registry import planner_names
 
 _EXIT_CODES = """\
 exit codes: 0 done and achieved; 1 ran, but not achieved; 2 bad input; 3 proved impossible; 130 interrupted"""
@@ -118,7 +119,7 @@ def _add_running(commands: Commands) -> None:
         "--planner",
         default="ikspark",
         metavar="NAME",
-        help="solver of the configurations and the path: ikspark, cidgik or auto (default: ikspark)",
+        help=f"solver of the configurations and the path: {', '.join(planner_names())} (default: ikspark)",
     )
     run.add_argument(
         "--controller",

@@ -47,7 +47,7 @@ def ik(options: argparse.Namespace) -> int:
 
 def _compile_ahead(solver: str) -> None:
     """The portfolio samples first, and decides by branch and bound what that leaves."""
-    from workcell.ik.portfolio import AUTO
+    from workcell.ik.registry import AUTO
 
     if solver == AUTO:
         compile_ahead(DECIDING)

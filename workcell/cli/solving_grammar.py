@@ -15,6 +15,7 @@ from workcell.cli.arguments import (
     late,
     seed_option,
 )
+from workcell.ik.registry import solvers_in_words
 
 
 def add_solving(commands: Commands) -> None:
@@ -164,7 +165,7 @@ def _solver_options(parser: argparse.ArgumentParser) -> None:
         "--solver",
         default="auto",
         metavar="NAME",
-        help="auto, hjcd, branch, multistart, ikspark, ikspark+lm, cidgik, cidgik+lm (default: auto)",
+        help=f"{solvers_in_words()} (default: auto)",
     )
     budget_option(parser)
     seed_option(parser)

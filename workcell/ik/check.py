@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from workcell.geometry.types import obstacle_name
 from workcell.ik.certificate import Certificate, problem_hash
-from workcell.ik.elementary.bounds import check_last_link, check_reach
 from workcell.ik.problem import IKProblem
+from workcell.ik.registry import PROOFS, load
 from workcell.ik.result import Status
 
 STATUS_OF_SCOPE = {
@@ -22,28 +23,22 @@ def check_certificate(problem: IKProblem, certificate: Certificate) -> str | Non
     if problem.inner is not None and certificate.problem_hash != problem_hash(problem):
         # what is impossible for something inside the real geometry is impossible for the real geometry
         problem = problem.inside() or problem
-    if problem.goal != "pose" and certificate.kind not in ("branch", "cidgik"):
+    entry = PROOFS.get(certificate.kind)
+    if entry is None:
+        return f"proofs of kind {certificate.kind!r} are unknown (known: {', '.join(PROOFS)})"
+    if problem.goal not in entry.goals:
         return (
             f"proofs of kind {certificate.kind!r} are about whole poses, the problem about the {problem.goal}"
         )
-    if certificate.kind == "farkas":
-        from workcell.ik.ikspark.check import check_farkas
+    refusal: str | None = load(entry.check)(problem, certificate)
+    return refusal
 
-        return check_farkas(problem, certificate)
-    if certificate.kind == "branch":
-        from workcell.ik.branch.checker.check import check_branch
 
-        return check_branch(problem, certificate)
-    if certificate.kind == "cidgik":
-        from workcell.ik.cidgik.check import check_cidgik
-
-        return check_cidgik(problem, certificate)
-    if certificate.kind not in ("reach", "last_link"):
-        return f"proofs of kind {certificate.kind!r} are unknown (known: branch, cidgik, farkas, last_link, reach)"
-    if certificate.problem_hash != problem_hash(problem):
-        return "the certificate belongs to another problem"
-    if certificate.kind == "last_link":
-        return check_last_link(problem, certificate)
-    if certificate.scope != "kinematics":
-        return f"a reach bound is about the kinematics, not {certificate.scope!r}"
-    return check_reach(problem, certificate)
+def obstacles_used(problem: IKProblem, certificate: Certificate) -> set[str] | None:
+    """Names of the obstacles that a proof uses; None where it does not say."""
+    if certificate.scope == "kinematics":
+        return set()
+    if problem.inner is not None and certificate.problem_hash != problem_hash(problem):
+        problem = problem.inside() or problem
+    tells = PROOFS[certificate.kind].obstacles
+    return {obstacle_name(problem.obstacles[k]) for k in load(tells)(certificate)} if tells else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,76 +15,30 @@ from workcell.ik.certificate import Certificate
 from workcell.ik.check import STATUS_OF_SCOPE, check_certificate
 from workcell.ik.judge.verify import Verification, verify
 from workcell.ik.problem import Budget, IKProblem
+from workcell.ik.registry import AUTO, SOLVERS, Progress, Turn, load
 from workcell.ik.result import Candidate, IKResult, Status
 from workcell.ik.stages import SolverStage, StageLog
 from workcell.model.robot import LIMIT_SLACK
 from workcell.pose import Array
 
-Solver = Callable[[IKProblem, Budget, int], Candidate]
-
-AUTO = "auto"
-
-
-@dataclass(frozen=True, slots=True)
-class Turn:
-    """A turn of a solver in the portfolio: it ends `seconds` (CPU) after it began, and when `share` of the budget is spent."""
-
-    name: str
-    solver: Solver
-    share: float = 1.0
-    seconds: float = np.inf
+if TYPE_CHECKING:
+    from workcell.ik.registry import Solver
 
 
 class Resumed:
-    """Branch and bound that goes on where its last turn ended."""
+    """A search that goes on where its last turn ended."""
 
-    def __init__(self) -> None:
+    def __init__(self, search: Callable[[IKProblem], Any]) -> None:
+        self._begin = search
         self._search: Any = None
 
     def __call__(self, problem: IKProblem, budget: Budget, seed: int) -> Candidate:
         """Search on for as long as the budget says."""
-        from workcell.ik.branch.solver import BranchSearch
-
+        del seed
         deadline = time.process_time() + budget.cpu_s
-        self._search = self._search or BranchSearch(problem)
+        self._search = self._search or self._begin(problem)
         candidate: Candidate = self._search.run(deadline, budget.threads)
         return candidate
-
-
-def _prepare_hjcd(problem: IKProblem) -> None:
-    from workcell.ik.hjcd import solver as hjcdik
-
-    hjcdik.prepare(problem)
-
-
-def _prepare_elementary(problem: IKProblem) -> None:
-    from workcell.ik.elementary import screen
-
-    screen.prepare()
-
-
-def _prepare_branch(problem: IKProblem) -> None:
-    from workcell.ik.branch import solver as branch
-
-    branch.prepare_kernels()
-
-
-_PREPARE: dict[str, Callable[[IKProblem], None]] = {
-    "elementary": _prepare_elementary,
-    "hjcd": _prepare_hjcd,
-    "branch": _prepare_branch,
-}
-"""What compiles a solver on first use, or loads it from the cache: no query's budget pays for that."""
-
-
-_WORK = {
-    "elementary": "elementary bounds",
-    "hjcd": "sampling",
-    "multistart": "local search",
-    "branch": "branch and bound",
-    "inside": "branch and bound inside",
-}
-"""What solvers without stages of their own do."""
 
 
 @dataclass(slots=True)
@@ -101,6 +55,7 @@ class Portfolio:
     rejected: list[str] = field(default_factory=list)
     errors: list[str] = field(default_factory=list)
     in_model: tuple[str, Certificate] | None = None
+    resumed: dict[str, Resumed] = field(default_factory=dict)
     log: StageLog = field(default_factory=StageLog)
 
     def run(self, turns: tuple[Turn, ...]) -> IKResult:
@@ -109,15 +64,15 @@ class Portfolio:
             return self._result(Status.NOT_FOUND, self.name)
         completed = 0
         for order, turn in enumerate(turns):
-            left = turn.share * self.budget.cpu_s - self._spent()
-            if self.budget.iterations is None or turn.name != "hjcd":
+            entry, left = SOLVERS[turn.solver], turn.share * self.budget.cpu_s - self._spent()
+            if self.budget.iterations is None or not entry.counts_restarts:
                 left = min(left, turn.seconds)
-            if (turn.seconds > 0 and left <= 0) or self._is_futile(turn):
+            if (turn.seconds > 0 and left <= 0) or entry.is_futile(turn, self._progress()):
                 continue
             budget = replace(self.budget, cpu_s=max(left, 0.0))
-            candidate = self._call(turn.name, turn.solver, budget, self.seed + 7919 * order)
+            candidate = self._call(turn.solver, budget, self.seed + 7919 * order)
             completed += candidate.error is None
-            result = self._answer(turn.name, candidate)
+            result = self._answer(turn.solver, candidate)
             if result is not None:
                 return result
         if self.in_model is not None:
@@ -127,31 +82,29 @@ class Portfolio:
         failed = self.errors and completed <= (1 if self.name == AUTO else 0)
         return self._result(Status.SOLVER_ERROR if failed else Status.NOT_FOUND, self.name)
 
-    def _is_futile(self, turn: Turn) -> bool:
-        """Whether a turn can't find out more: branch and bound is through, or a short search has seen all it can."""
-        if turn.name == "branch":
-            return self.in_model is not None and self.in_model[0] == "branch"
-        if turn.name == "inside":
-            # only where the model around the real geometry is known to be too large, or time gets short
-            return self.problem.inner is None or (self.in_model is None and turn.seconds < np.inf)
-        return turn.name == "hjcd" and turn.seconds < np.inf and self.stats.get("hjcd.exhausted", 0.0) > 0.0
+    def _progress(self) -> Progress:
+        return Progress(self.problem, self.stats, None if self.in_model is None else self.in_model[0])
 
     def _spent(self) -> float:
         return time.process_time() - self.started_cpu
 
-    def _prepare(self, name: str) -> None:
-        """Set the clocks on by what compiling takes, and what is made once for a scene."""
-        make = IKProblem.inside if name == "inside" else _PREPARE.get(name)
-        if make is None:
-            return
-        cpu, wall = time.process_time(), time.perf_counter()
-        make(self.problem)
+    def _prepare(self, name: str) -> Solver:
+        """A turn's solver, ready to go; the clocks are set on by what importing and compiling takes."""
+        entry, cpu, wall = SOLVERS[name], time.process_time(), time.perf_counter()
+        goes_on = self.name == AUTO and entry.resumes
+        solver: Solver = self._resumed(name, entry.resumes) if goes_on else entry.solver()
+        if entry.prepare:
+            load(entry.prepare)(self.problem)
         self.started_cpu += time.process_time() - cpu
         self.started += time.perf_counter() - wall
+        return solver
 
-    def _call(self, name: str, solver: Solver, budget: Budget, seed: int) -> Candidate:
+    def _resumed(self, name: str, search: str) -> Resumed:
+        return self.resumed.setdefault(name, Resumed(load(search)))
+
+    def _call(self, name: str, budget: Budget, seed: int) -> Candidate:
         """A turn's candidate; whatever numerical failure happens inside becomes its `error`."""
-        self._prepare(name)
+        solver = self._prepare(name)
         before = self._spent()
         try:
             with np.errstate(all="ignore"):
@@ -168,7 +121,7 @@ class Portfolio:
                 raise
             candidate = Candidate(error=f"the conic solver panicked: {error}")
         spent = self._spent() - before
-        alone = SolverStage(_WORK.get(name, name), spent, numbers=candidate.stats)
+        alone = SolverStage(SOLVERS[name].work or name, spent, numbers=candidate.stats)
         self.log.extend(candidate.stages or (alone,), name, spent)
         for key, value in {**candidate.stats, "cpu_s": spent}.items():
             label = f"{name}.{key}"

@@ -12,8 +12,8 @@ from typing import Any
 
 from workcell.ik.check import STATUS_OF_SCOPE, check_certificate
 from workcell.ik.judge.verify import verify
-from workcell.ik.portfolio import AUTO
 from workcell.ik.problem import Budget
+from workcell.ik.registry import AUTO
 from workcell.ik.result import IKResult, Status
 from workcell.ik.solve import check_solver_name, solve
 from workcell.sets.answers import Answer, answer_line, certificate_folder, read_answers

@@ -52,6 +52,12 @@ def prepare_kernels() -> None:
         check_branch(problem, candidate.certificate)
 
 
+def prepare(problem: IKProblem) -> None:
+    """`prepare_kernels`, which are the same for all problems."""
+    del problem
+    prepare_kernels()
+
+
 def solve_branch(problem: IKProblem, budget: Budget, seed: int = 0) -> Candidate:
     """Decide `problem`: a configuration, or a certificate of kind `branch` that none exists, or neither in the budget.
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.errors import InputError
+from workcell.ik.registry import takers
 from workcell.ik.trees.query import Goal
 from workcell.model.robot import LIMIT_SLACK, Robot
 from workcell.pose import Array, axis_angle_to_matrix
@@ -145,7 +146,7 @@ def _refuse(robot: Robot, dimension: int) -> None:
         raise InputError(
             f"joint {sliding[0]!r} is prismatic, which cidgik does not support",
             where=robot.name,
-            remedy="auto, branch, hjcd and multistart do",
+            remedy=f"{takers(slides=True)} do",
         )
     axes = _home_axes(robot)
     parallel = bool(np.all(np.abs(axes @ axes[0]) > 1 - _FLAT))

@@ -39,6 +39,10 @@ def prove_impossible(problem: IKProblem) -> Certificate | None:
 
 def check_reach(problem: IKProblem, certificate: Certificate) -> str | None:
     """Why a `reach` certificate does not hold, or None when it does."""
+    if certificate.problem_hash != problem_hash(problem):
+        return "the certificate belongs to another problem"
+    if certificate.scope != "kinematics":
+        return f"a reach bound is about the kinematics, not {certificate.scope!r}"
     covered, slides = certificate.data.get("tolerances"), certificate.data.get("slides")
     refusal = _wrong_tolerances(problem, covered)
     if refusal is not None or covered is None:
@@ -52,6 +56,8 @@ def check_reach(problem: IKProblem, certificate: Certificate) -> str | None:
 
 def check_last_link(problem: IKProblem, certificate: Certificate) -> str | None:
     """Why a `last_link` certificate does not hold, or None when it does."""
+    if certificate.problem_hash != problem_hash(problem):
+        return "the certificate belongs to another problem"
     covered = certificate.data.get("tolerances")
     refusal = _wrong_tolerances(problem, covered)
     if refusal is not None or covered is None:
@@ -63,6 +69,11 @@ def check_last_link(problem: IKProblem, certificate: Certificate) -> str | None:
     if _Depth.of(problem).deepest(covered)[0] <= 0:
         return "no sphere of the last link must penetrate an obstacle at the target"
     return None
+
+
+def obstacles_used(certificate: Certificate) -> list[int]:
+    """Index of the obstacle that a `last_link` certificate is about."""
+    return [int(certificate.data["pair"][1])]
 
 
 @dataclass(frozen=True, slots=True)

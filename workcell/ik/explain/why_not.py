@@ -16,7 +16,8 @@ import numpy as np
 
 from workcell.errors import InputError
 from workcell.geometry.types import Piece, obstacle_name
-from workcell.ik.certificate import Certificate, problem_hash
+from workcell.ik.certificate import Certificate
+from workcell.ik.check import obstacles_used
 from workcell.ik.explain.closest import ClosestPose, closest_pose
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import IKResult, Status
@@ -163,7 +164,7 @@ class _Steps:
 
     def candidates(self, certificate: Certificate | None) -> list[Cause]:
         """What may be to blame alone. A proof holds without the obstacles that it does not use: they are not."""
-        used = None if certificate is None else _obstacles_of(self._problem, certificate)
+        used = None if certificate is None else obstacles_used(self._problem, certificate)
         blamed = [cause for cause in self.obstacles if used is None or cause.name in used]
         return [*blamed, *self.limits, *self.rotation]
 
@@ -210,23 +211,6 @@ class _Steps:
 def _without_pieces(problem: IKProblem, names: Collection[str]) -> IKProblem:
     kept = tuple(piece for piece in problem.obstacles if obstacle_name(piece) not in names)
     return replace(problem, obstacles=kept)
-
-
-def _obstacles_of(problem: IKProblem, certificate: Certificate) -> set[str] | None:
-    """Names of the obstacles that a proof uses; None where it does not say."""
-    if certificate.scope == "kinematics":
-        return set()
-    if problem.inner is not None and certificate.problem_hash != problem_hash(problem):
-        problem = problem.inside() or problem
-    data = certificate.data
-    if certificate.kind == "last_link":
-        used = [int(data["pair"][1])]
-    elif certificate.kind == "branch":
-        leaves = data["tree"][data["tree"] <= -2]
-        used = [int(k) for k in np.unique(data["blocked"][1, leaves == -2])]
-    else:
-        return None
-    return {obstacle_name(problem.obstacles[k]) for k in used}
 
 
 def _bounded(problem: IKProblem) -> list[bool]:

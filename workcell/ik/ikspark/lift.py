@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workcell.errors import InputError
+from workcell.ik.registry import takers
 from workcell.ik.shared.conic import smat, svec, triangle
 from workcell.model.robot import Robot
 from workcell.pose import Array, Pose
@@ -104,7 +105,7 @@ class Lift:
             raise InputError(
                 f"joint {sliding[0]!r} is prismatic" if sliding else f"{robot.name} is a tree",
                 where=robot.name,
-                remedy="ikspark takes serial chains of revolute joints; auto, branch, hjcd and multistart take others too",
+                remedy=f"ikspark takes serial chains of revolute joints; {takers(slides=True)} take others too",
             )
         self.robot = robot
         self.tool = robot.tool()

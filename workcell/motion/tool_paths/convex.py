@@ -16,8 +16,6 @@ from workcell.motion.tool_paths.starts import with_turns
 from workcell.motion.tool_paths.steps import Tolerant, starting_poses
 from workcell.pose import Array
 
-CONVEX = ("ikspark", "cidgik")
-"""Solvers that answer every step themselves; others track locally."""
 STARTS = 8
 """Configurations of the first pose that the convex solver is asked for."""
 

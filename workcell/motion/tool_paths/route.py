@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike
 
 from workcell.geometry.types import SphereCover
 from workcell.ik.problem import IKProblem
-from workcell.motion.tool_paths.convex import CONVEX, ConvexSteps
+from workcell.ik.registry import plans_alone
+from workcell.motion.tool_paths.convex import ConvexSteps
 from workcell.motion.tool_paths.diagnosis import words_of
 from workcell.motion.tool_paths.follow import check_start, step_solver
 from workcell.motion.tool_paths.graph import Routes, RouteSearch
@@ -80,7 +81,7 @@ def route(
     )
     if given is not None:
         check_start(template, query.tolerance, query.poses[0], given)
-    return _by_convex_steps(query, given) if solver in CONVEX else _by_graph(query, given)
+    return _by_convex_steps(query, given) if plans_alone(solver) else _by_graph(query, given)
 
 
 def _by_convex_steps(query: RouteQuery, q_start: Array | None) -> FollowResult:

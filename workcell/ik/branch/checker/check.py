@@ -72,6 +72,13 @@ def check_branch(problem: IKProblem, certificate: Certificate) -> str | None:
     return _walk(problem, data, length)
 
 
+def obstacles_used(certificate: Certificate) -> list[int]:
+    """Indices of the obstacles that exclude boxes of a proof."""
+    data = certificate.data
+    leaves = data["tree"][data["tree"] <= -2]
+    return [int(k) for k in np.unique(data["blocked"][1, leaves == -2])]
+
+
 def seal(data: Mapping[str, Any]) -> Array:
     """(8,) words of the SHA-256 of a proof's numbers."""
     digest = hashlib.sha256()

@@ -9,7 +9,7 @@ from workcell.geometry.self_collision import self_collision_pairs
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.judge.verify import verify
 from workcell.ik.multistart.pose_errors import pose_errors
-from workcell.ik.multistart.solver import joint_bounds, solve_multistart
+from workcell.ik.multistart.solver import solve_multistart
 from workcell.ik.problem import Budget, Clearance, IKProblem, Tolerances
 from workcell.pose import Pose
 
@@ -91,13 +91,6 @@ def test_the_reference_comes_first_and_its_step_is_kept():
     assert np.abs(candidate.q - q).max() <= 0.1 + 1e-12
     far = robot.fk(q + 0.5)
     assert solve_multistart(IKProblem(robot, far, q_reference=q, max_step=0.01), Budget(0.05), 0).q is None
-
-
-def test_bounds_stay_inside_the_limits():
-    robot = planar(limit=1.0)
-    problem = IKProblem(robot, robot.fk(np.zeros(2)), q_reference=np.array([0.95, 0.0]), max_step=0.1)
-    lower, upper = joint_bounds(problem)
-    assert np.allclose(lower, [0.85, -0.1]) and np.allclose(upper, [1.0, 0.1])
 
 
 def test_no_budget_means_no_work():

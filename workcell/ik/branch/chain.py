@@ -8,6 +8,7 @@ import numpy as np
 
 from workcell.identity_cache import ByIdentity
 from workcell.ik.problem import Goal, IKProblem
+from workcell.ik.shared.limits import Interval
 from workcell.model.robot import LIMIT_SLACK, Robot
 from workcell.pose import Array
 
@@ -72,11 +73,8 @@ def joint_box(problem: IKProblem) -> tuple[Array, Array]:
     A joint that can turn fully has one turn.
     """
     robot = problem.robot
-    lower, upper = robot.lower - LIMIT_SLACK, robot.upper + LIMIT_SLACK
-    if problem.q_reference is not None and problem.max_step is not None:
-        step = np.asarray(problem.max_step) + LIMIT_SLACK
-        lower = np.maximum(lower, problem.q_reference - step)
-        upper = np.minimum(upper, problem.q_reference + step)
+    interval = Interval.of(problem, LIMIT_SLACK)
+    lower, upper = interval.lower, interval.upper
     wide = (upper - lower > TURN) & ~robot.prismatic
     if wide.any():
         middle = 0.5 * (lower + upper)

@@ -22,6 +22,7 @@ from workcell.ik.certificate import Certificate, Scope, problem_hash
 from workcell.ik.judge.verify import Verifier
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import Candidate
+from workcell.ik.shared.limits import Interval
 from workcell.pose import Array, Pose
 
 
@@ -99,13 +100,9 @@ class BranchSearch:
         )
 
     def _accept(self, q: Array) -> bool:
-        robot, problem = self.problem.robot, self.problem
-        lower, upper = robot.lower, robot.upper
-        if problem.q_reference is not None and problem.max_step is not None:
-            lower = np.maximum(lower, problem.q_reference - problem.max_step)
-            upper = np.minimum(upper, problem.q_reference + problem.max_step)
+        interval = Interval.of(self.problem)
         # The boxes have the slack of the limits; the answer needs none.
-        q = np.clip(q[1 : 1 + robot.dof], lower, upper)
+        q = np.clip(q[1 : 1 + self.problem.robot.dof], interval.lower, interval.upper)
         self._verifier = self._verifier or Verifier(self.problem)
         verdict = self._verifier(q)
         if verdict.accepted:

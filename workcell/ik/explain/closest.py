@@ -15,6 +15,7 @@ from workcell.geometry.self_collision import self_collision_pairs
 from workcell.geometry.types import SphereCover
 from workcell.ik.judge.verify import Verifier
 from workcell.ik.problem import Budget, Clearance, Goal, IKProblem
+from workcell.ik.shared.limits import Interval
 from workcell.pose import Array, Pose, read_only, rotation_vector
 
 RADIANS_A_METRE = 10.0
@@ -94,11 +95,8 @@ def _cost(position_error: float, rotation_error: float) -> float:
 class _Search:
     def __init__(self, problem: IKProblem) -> None:
         self.problem = problem
-        lower, upper = problem.robot.lower, problem.robot.upper
-        if problem.q_reference is not None and problem.max_step is not None:
-            lower = np.maximum(lower, problem.q_reference - problem.max_step)
-            upper = np.minimum(upper, problem.q_reference + problem.max_step)
-        self.lower, self.upper = lower, upper
+        interval = Interval.of(problem)
+        self.lower, self.upper = interval.lower, interval.upper
         cover = problem.cover
         self._engine: ClearanceEngine | None = None
         if cover is not None and (cover.link > 0).any():

@@ -16,6 +16,7 @@ from workcell.ik.judge.verify import Verifier, sphere_name
 from workcell.ik.multistart.pose_errors import pose_errors
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import Candidate
+from workcell.ik.shared.limits import Interval
 from workcell.pose import Array
 
 LANES = 16
@@ -52,15 +53,6 @@ def solve_multistart(problem: IKProblem, budget: Budget, seed: int = 0) -> Candi
     return Candidate(q=q, stats=stats, rejected=search.near_misses())
 
 
-def joint_bounds(problem: IKProblem) -> tuple[Array, Array]:
-    """Joint limits (n,), (n,), narrowed by `max_step` around `q_reference`."""
-    lower, upper = np.array(problem.robot.lower), np.array(problem.robot.upper)
-    if problem.q_reference is not None and problem.max_step is not None:
-        lower = np.maximum(lower, problem.q_reference - problem.max_step)
-        upper = np.maximum(np.minimum(upper, problem.q_reference + problem.max_step), lower)
-    return lower, upper
-
-
 @dataclass(slots=True)
 class _Lanes:
     """A batch of b configurations, evaluated.
@@ -95,7 +87,8 @@ class _Search:
         self.starts = self.iterations = 0
         self._rng = np.random.default_rng(seed)
         self._judge = Verifier(problem)
-        self._lower, self._upper = joint_bounds(problem)
+        interval = Interval.of(problem).closed
+        self._lower, self._upper = interval.lower, interval.upper
         self._engine = None
         pairs = problem.self_collision
         if problem.cover is not None and len(problem.cover) > 0 and (problem.obstacles or pairs is not None):

@@ -1,4 +1,4 @@
-"""Interval: where a joint of a problem may be."""
+"""Interval: where a joint of a problem may be. Every solver asks here; judges and the checker of proofs say it for themselves."""
 
 from __future__ import annotations
 
@@ -19,15 +19,26 @@ class Interval:
     upper: Array
 
     @staticmethod
-    def of(problem: IKProblem) -> Interval:
-        """The intervals of a problem; they may be empty when the reference lies outside the limits."""
+    def of(problem: IKProblem, slack: float = 0.0) -> Interval:
+        """The intervals of a problem; they may be empty when the reference lies outside the limits.
+
+        Args:
+            problem: whose limits, reference and largest step count.
+            slack: radians (metres for a prismatic joint) by which limits and step are widened before they are intersected.
+        """
         robot, reference = problem.robot, problem.q_reference
+        lower, upper = robot.lower, robot.upper
+        if slack:
+            lower, upper = lower - slack, upper + slack
         if problem.max_step is None or reference is None:
-            return Interval(robot.lower, robot.upper)
-        return Interval(
-            np.maximum(robot.lower, reference - problem.max_step),
-            np.minimum(robot.upper, reference + problem.max_step),
-        )
+            return Interval(lower, upper)
+        step = np.asarray(problem.max_step) + slack
+        return Interval(np.maximum(lower, reference - step), np.minimum(upper, reference + step))
+
+    @property
+    def closed(self) -> Interval:
+        """The same where there is a value; where there is none, the lower end alone: something to clip to and draw from."""
+        return Interval(self.lower, np.maximum(self.lower, self.upper))
 
     @property
     def middle(self) -> Array:

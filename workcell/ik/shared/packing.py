@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from workcell.geometry.packing import joint_bounds, pack_arm, pack_cover, pack_obstacles
 from workcell.identity_cache import ByIdentity
 from workcell.ik.problem import IKProblem
+from workcell.ik.shared.limits import Interval
 from workcell.pose import Array
 
 if TYPE_CHECKING:
@@ -29,9 +30,8 @@ def narrowed_arm(problem: IKProblem) -> Arm:
     arm = pack_arm(problem.robot)
     if problem.max_step is None or problem.q_reference is None:
         return arm
-    lower = np.maximum(problem.robot.lower, problem.q_reference - problem.max_step)
-    upper = np.minimum(problem.robot.upper, problem.q_reference + problem.max_step)
-    return arm._replace(bounds=joint_bounds(problem.robot, lower, np.maximum(upper, lower)))
+    interval = Interval.of(problem).closed
+    return arm._replace(bounds=joint_bounds(problem.robot, interval.lower, interval.upper))
 
 
 _worlds = ByIdentity()

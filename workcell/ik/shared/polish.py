@@ -35,8 +35,8 @@ def polish(problem: IKProblem, q: Array, *, steps: int = 10, damping: float = 1e
     From a rank-1 point two steps without damping suffice; as a local search (`ikspark+lm`) give it more of both.
     `moved` is measured from `q` as given (radians, the largest of the joints).
     """
-    interval = Interval.of(problem)
-    lower, upper = interval.lower, np.maximum(interval.lower, interval.upper)
+    interval = Interval.of(problem).closed
+    lower, upper = interval.lower, interval.upper
     chain = _Chain(problem)
     start = np.asarray(q, dtype=float)
     now = np.clip(start, lower, upper)

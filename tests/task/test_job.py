@@ -1,5 +1,6 @@
-"""A task that can't be begun is refused with one message, before anything is planned or written."""
+"""A task that can't be begun is refused with one message; what a script calls is what the parts of its job do."""
 
+import inspect
 import json
 import shutil
 
@@ -113,6 +114,30 @@ def test_a_try_is_quiet_and_ends_nothing():
     assert not job.can(fails) and not job.can(collides)
     assert job.can(looks_further, fails) and job.can(looks_further, dict)
     assert not told and not job.trying
+
+
+def test_a_script_calls_the_parts_by_the_job_s_own_methods():
+    """Every public method of a part is one of the job's, called the same way, but for those that parts use between them."""
+    between = {"quietly", "asking", "log_way", "log_chunk"}
+    job = Job(None, "auto", "computed_torque", 0, None, print, {}, 0.0)
+    offered = set()
+    for part in (job.story, job.planning, job.timing):
+        names = {name for name, _ in inspect.getmembers(part, inspect.ismethod) if not name.startswith("_")}
+        for name in names - between:
+            mine, its = (inspect.signature(getattr(it, name)).parameters for it in (job, part))
+            assert list(mine.values()) == list(its.values()), name
+        offered |= names
+    assert between < offered
+    mine = {name for name, _ in inspect.getmembers(job, inspect.ismethod) if not name.startswith("_")}
+    assert mine == offered - between | {"simulation"}
+
+
+def test_a_script_adds_to_the_summary():
+    summary = {"task": "bench"}
+    job = Job(None, "auto", "computed_torque", 0, None, print, summary, 0.0)
+    job.summary |= {"off_m": 0.1}
+    job.summary["turned_rad"] = 0.2
+    assert summary == job.story.summary == {"task": "bench", "off_m": 0.1, "turned_rad": 0.2}
 
 
 @pytest.mark.parametrize("name", ["shelf_grasp.rrd", "shelf_grasp.json"])

@@ -1,30 +1,196 @@
-"""`Job`: one run of a task: its scene, its seed, its plan, its motions, its recording, and the story it tells while it runs."""
+"""`Job`: what a task script gets: one run of its task, which is told, planned and timed by a part each."""
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from typing import Any, NoReturn
 
+from workcell.ik.problem import IKProblem
+from workcell.ik.result import IKResult
 from workcell.model.scene import Scene
-from workcell.motion.path import Path, Trajectory, stationary
-from workcell.motion.proofs.on_model import trajectory_clearance
-from workcell.motion.teams.team import Team, prove_team_motion
-from workcell.motion.teams.torques import TeamDynamics
-from workcell.motion.timing.retime import retime
-from workcell.motion.timing.torques import ChainDynamics, Dynamics, TooWeakError, TorqueUse
+from workcell.motion.body import Upright
+from workcell.motion.path import Path, Trajectory
+from workcell.motion.teams.team import Team
 from workcell.motion.tool_paths.follow import FollowLimits
-from workcell.pose import Pose
+from workcell.motion.tool_paths.poses import PathTolerance
+from workcell.pose import Array, Pose
+from workcell.record.write.recording import Recording
+from workcell.simulate.simulation import Simulation
 from workcell.task.planning import Planning
+from workcell.task.story import Story
+from workcell.task.timing import Timing
 from workcell.world.planning_world import PlanningWorld
 
-TRACKING_ROOM = 0.001
-"""Metres that a timed motion keeps clear: the tracking error that the simulation may have."""
 
+class Job:
+    """One run of a task. Its methods are those of its parts, which say in full what each does.
 
-class Job(Planning):
-    """What a task script gets: what it says and judges (`Story`), plans (`Planning`), and here, times."""
+    Attributes:
+        story: what the run says, measures and judges.
+        planning: verified configurations and proved paths.
+        timing: paths as motions.
+        controller: name of what drives the motors (`workcell.simulate.controller.CONTROLLERS`).
+    """
 
-    __slots__ = ()
+    __slots__ = ("controller", "planning", "story", "timing")
+
+    def __init__(
+        self,
+        scene: Scene,
+        planner: str,
+        controller: str,
+        seed: int,
+        recording: Recording,
+        tell: Callable[[str], None],
+        summary: dict[str, Any],
+        began: float,
+    ) -> None:
+        self.story = Story(scene, recording, tell, summary, began)
+        self.planning = Planning(self.story, planner, seed)
+        self.timing = Timing(self.story, self.planning)
+        self.controller = controller
+
+    # ---- the run ----------------------------------------------------------------------------------------------------
+
+    @property
+    def scene(self) -> Scene:
+        """The compiled scene of the task file."""
+        return self.story.scene
+
+    @property
+    def planner(self) -> str:
+        """Name of the solver for configurations and paths."""
+        return self.planning.planner
+
+    @property
+    def seed(self) -> int:
+        """Same seed, same plan."""
+        return self.planning.seed
+
+    @property
+    def recording(self) -> Recording:
+        """The open `.rrd`."""
+        return self.story.recording
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """What `DIR/<task>.json` will hold."""
+        return self.story.summary
+
+    @summary.setter
+    def summary(self, summary: dict[str, Any]) -> None:
+        """Lets a script write `job.summary |= {...}`."""
+        self.story.summary = summary
+
+    @property
+    def sim_time(self) -> float:
+        """Seconds simulated so far."""
+        return self.story.sim_time
+
+    @property
+    def trying(self) -> bool:
+        """Whether what is planned now is a try (see `can`)."""
+        return self.story.trying
+
+    # ---- what is told, measured and judged --------------------------------------------------------------------------
+
+    def say(self, text: str, level: str = "INFO") -> None:
+        """One line of the story, on the terminal and in the recording's log."""
+        self.story.say(text, level)
+
+    def phase(self, name: str) -> AbstractContextManager[None]:
+        """Time a phase; the summary gets `<name>_s`."""
+        return self.story.phase(name)
+
+    def fail(self, status: str, sentence: str) -> NoReturn:
+        """End the task as not achieved."""
+        self.story.fail(status, sentence)
+
+    def log_world(self, world: PlanningWorld) -> None:
+        """Sphere cover and free space into the recording, their numbers into the story."""
+        self.story.log_world(world)
+
+    def log_plan(self, path: Path) -> None:
+        """A planned way of the tool into the recording."""
+        self.story.log_plan(path)
+
+    def simulation(self) -> Simulation:
+        """A simulation of the scene that logs into the recording."""
+        return Simulation(self.scene, controller=self.controller, on_chunk=self.story.log_chunk)
+
+    def tool_trace(self, simulation: Simulation, begin: float, end: float) -> Array:
+        """(k, 3) where the tool was, in the world, between two moments of the simulation (seconds)."""
+        return self.story.tool_trace(simulation, begin, end)
+
+    def judge(self, simulation: Simulation, conditions: Mapping[str, bool]) -> None:
+        """What the simulation measured into the summary; the task fails unless every condition holds."""
+        self.story.judge(simulation, conditions)
+
+    # ---- what is planned --------------------------------------------------------------------------------------------
+
+    def solve(self, problem: IKProblem, what: str) -> IKResult:
+        """A verified configuration."""
+        return self.planning.solve(problem, what)
+
+    def follow(
+        self,
+        world: PlanningWorld,
+        poses: Sequence[Pose],
+        q_start: Array,
+        limits: FollowLimits,
+        what: str,
+        *,
+        tolerance: PathTolerance | None = None,
+    ) -> Path:
+        """A continuous joint path along tool poses, by fast local steps."""
+        return self.planning.follow(world, poses, q_start, limits, what, tolerance=tolerance)
+
+    def trace(
+        self,
+        world: PlanningWorld,
+        poses: Sequence[Pose],
+        limits: FollowLimits,
+        what: str,
+        *,
+        tolerance: PathTolerance | None = None,
+        q_start: Array | None = None,
+        begins: Callable[[Array], object] | None = None,
+    ) -> Path:
+        """A continuous joint path along tool poses, from the start that leads all the way (or from the given one)."""
+        return self.planning.trace(
+            world, poses, limits, what, tolerance=tolerance, q_start=q_start, begins=begins
+        )
+
+    def move(self, world: PlanningWorld, q_from: Array, q_to: Array, what: str) -> Path:
+        """A collision-free joint path between two configurations."""
+        return self.planning.move(world, q_from, q_to, what)
+
+    def can(self, plan: Callable[..., object], *arguments: object) -> bool:
+        """Whether a part of the plan, such as `move`, can be made: a quick try that does not end the task."""
+        return self.planning.can(plan, *arguments)
+
+    def reach(
+        self,
+        world: PlanningWorld,
+        q_start: Array,
+        inward: Sequence[Pose],
+        limits: FollowLimits,
+        what: str,
+        *,
+        others: Sequence[Sequence[Pose]] = (),
+        upright: Upright | None = None,
+    ) -> Path:
+        """A continuous path from where the robot stands along tool poses."""
+        return self.planning.reach(world, q_start, inward, limits, what, others=others, upright=upright)
+
+    def carry(
+        self, team: Team, poses: Sequence[Pose], starts: Mapping[str, Array], limits: FollowLimits, what: str
+    ) -> Path:
+        """A proved path of all arms that hold an object, along the object's poses."""
+        return self.planning.carry(team, poses, starts, limits, what)
+
+    # ---- what is timed ----------------------------------------------------------------------------------------------
 
     def retime(
         self,
@@ -35,34 +201,8 @@ class Job(Planning):
         *,
         acceleration: float | None = None,
     ) -> Trajectory:
-        """A timed motion along a path: its own clearance proved, its torques within the joints' limits.
-
-        `acceleration` (radians a second squared, of each joint) replaces the robot's own limits, for what may spill.
-        """
-        dynamics = ChainDynamics(self.scene, world.robot.name, world.attached)
-        trajectory = self._fastest(path, tool_speed, dynamics, acceleration)
-        proof = trajectory_clearance(
-            world.robot.robot, trajectory, world.clearance, world.cover, floor=TRACKING_ROOM
-        )
-        if not proof.proved:
-            self.fail("COLLISION", f"{what}: the timed motion is not clear: {proof.reason}")
-        use = self._check_torques(dynamics, trajectory, world.attached, what)
-        self.say(
-            f"{what}: {trajectory.duration:.2f} s, proved {1e3 * TRACKING_ROOM:.0f} mm clear or more, at most {use.share.max():.0%} of {use.joint}'s effort limit"
-        )
-        return trajectory
-
-    def _fastest(
-        self, path: Path, tool_speed: float, dynamics: Dynamics, acceleration: float | None = None
-    ) -> Trajectory:
-        """The fastest motion in the simulation's time steps; without regard to torques where they don't even hold the arm."""
-        step = float(self.scene.model.opt.timestep)
-        limited = functools.partial(retime, path, acceleration=acceleration, tool_speed=tool_speed, dt=step)
-        try:
-            return limited(dynamics=dynamics)
-        except TooWeakError:
-            # the torques are looked at afterwards, where the load that is too heavy gets its name
-            return limited()
+        """A timed motion along a path: its own clearance proved, its torques within the joints' limits."""
+        return self.timing.retime(world, path, tool_speed, what, acceleration=acceleration)
 
     def timed(
         self,
@@ -73,37 +213,13 @@ class Job(Planning):
         acceleration: float | None = None,
     ) -> list[Trajectory]:
         """The motions along stretches of one way, each as `retime` makes it in its own world; the way is logged."""
-        for _, path in stretches:
-            self.log_plan(path)
-        return [
-            self.retime(world, path, tool_speed, what, acceleration=acceleration) for world, path in stretches
-        ]
+        return self.timing.timed(stretches, tool_speed, what, acceleration=acceleration)
 
     def retime_team(
         self, team: Team, path: Path, tool_speed: float, strain: float, what: str
     ) -> tuple[Trajectory, ...]:
-        """One timing for all arms: proved clear of everything and of each other, within torques, the chain hardly strained."""
-        dynamics = TeamDynamics.of(team)
-        trajectory = self._fastest(path, tool_speed, dynamics)
-        proof = prove_team_motion(team, trajectory, floor=TRACKING_ROOM)
-        if not proof.proved:
-            self.fail("COLLISION", f"{what}: the timed motion is not clear: {proof.reason}")
-        stretch = float(team.stretch(trajectory.q).max())
-        if stretch > strain:
-            self.fail(
-                "STRAIN",
-                f"{what}: the hands would be {1e3 * stretch:.2f} mm apart from where they hold the {team.thing}. "
-                "Plan with a finer spacing.",
-            )
-        parts = team.split(trajectory)
-        for part in parts:
-            held = (team.thing, team.grasps[part.robot_name].inverse())
-            self._check_torques(dynamics.chains[part.robot_name], part, held, what)
-        self.say(
-            f"{what}: {trajectory.duration:.2f} s for {len(parts)} arms together, proved {1e3 * TRACKING_ROOM:.0f} mm clear or "
-            f"more, the closed chain strained by at most {1e3 * stretch:.3f} mm"
-        )
-        return parts
+        """One timing for all arms that hold an object."""
+        return self.timing.retime_team(team, path, tool_speed, strain, what)
 
     def transport(
         self,
@@ -113,38 +229,5 @@ class Job(Planning):
         tool_speed: float,
         strain: float,
     ) -> tuple[list[tuple[Trajectory, ...]], Scene]:
-        """The motions of a team along stretches of its object's path (team, poses, what), and the scene that they leave behind.
-
-        Each begins where the one before ends, the first where the arms stand in `scene`: `carry`, then `retime_team`.
-        """
-        motions = []
-        for team, poses, what in stretches:
-            starts = {name: scene.robot(name).start for name in team.grasps}
-            path = self.carry(team, poses, starts, limits, what)
-            motions.append(self.retime_team(team, path, tool_speed, strain, what))
-            scene = scene.moved({team.thing: poses[-1]})
-            for name, q in team.at(path.end).items():
-                scene = scene.with_start(name, q)
-        return motions, scene
-
-    def _check_torques(
-        self, dynamics: ChainDynamics, motion: Trajectory, held: tuple[str, Pose] | None, what: str
-    ) -> TorqueUse:
-        """The motion's torques; where they exceed a limit the task ends, and a load that can't even be held is named."""
-        use = dynamics.use(motion)
-        if not use.kept:
-            self.fail("TORQUE", f"{what}: {self._torque_words(dynamics, use, motion, held)}")
-        return use
-
-    def _torque_words(
-        self, dynamics: ChainDynamics, use: TorqueUse, motion: Trajectory, held: tuple[str, Pose] | None
-    ) -> str:
-        """Which joint lacks how much, and whether it would help to move slower."""
-        sentence = f"joint {use.joint} would need {float(use.share.max()):.0%} of its effort limit"
-        if held is not None:
-            rest = dynamics.use(stationary(motion.robot_name, motion.q[use.worst], 0.02))
-            mass = sum(self.scene.model.body_mass[b] for b in self.scene.object(held[0]).body_ids)
-            if not rest.kept:
-                return f"{sentence}: {held[0]}, {mass:.1f} kg, is too heavy to be held there even at rest."
-            sentence += f" with {held[0]}, {mass:.1f} kg, in the hand"
-        return f"{sentence}. Move slower."
+        """The motions of a team along stretches of its object's path, and the scene that they leave behind."""
+        return self.timing.transport(scene, stretches, limits, tool_speed, strain)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NoReturn
 
 from workcell.errors import InputError
@@ -23,7 +23,6 @@ from workcell.motion.tool_paths.poses import PathTolerance
 from workcell.motion.tool_paths.reach import reach
 from workcell.motion.tool_paths.route import route
 from workcell.pose import Array, Pose
-from workcell.task.asks import asks
 from workcell.task.script import TaskFailedError
 from workcell.task.story import Story
 from workcell.world.planning_world import PlanningWorld
@@ -34,19 +33,30 @@ LOOKING = replace(MOVING, iterations=1000, attempts=1)
 """How hard it is tried to get to a configuration that is one of several."""
 
 
-class Planning(Story):
-    """A run of a task as far as paths are planned."""
+@dataclass(frozen=True, slots=True)
+class Planning:
+    """A run of a task as far as paths are planned.
 
-    __slots__ = ()
+    Attributes:
+        story: where it is told what was planned, and where the queries of inverse kinematics are recorded.
+        planner: name of the solver for configurations and paths.
+        seed: same seed, same plan.
+    """
 
-    @asks
+    story: Story
+    planner: str
+    seed: int
+
     def solve(self, problem: IKProblem, what: str) -> IKResult:
         """A verified configuration; without one the task ends with a proof and what is in the way, where there is a proof."""
-        result = solve(problem, solver=self.planner, seed=self.seed)
-        if not result.solved:
-            self._refuse(problem, result, what)
+        with self.story.asking(what):
+            result = solve(problem, solver=self.planner, seed=self.seed)
+            if not result.solved:
+                self._refuse(problem, result, what)
         first, second = result.clearance.pair
-        self.say(f"{what}: verified, {1e3 * result.clearance.distance:.0f} mm clear ({first} to {second})")
+        self.story.say(
+            f"{what}: verified, {1e3 * result.clearance.distance:.0f} mm clear ({first} to {second})"
+        )
         return result
 
     def _refuse(self, problem: IKProblem, result: IKResult, what: str) -> NoReturn:
@@ -55,18 +65,17 @@ class Planning(Story):
         if decided.certificate is None or not decided.status.is_proof:
             because = f" ({'; '.join(result.rejected[:2])})" if result.rejected else ""
             hint = f" {decided.solver} finds one: try --planner auto." if decided.solved else ""
-            self.fail(result.status.value, f"{what}: {result.status.sentence}{because}{hint}")
-        self.say(f"{what}: proved impossible: {decided.certificate.statement}")
+            self.story.fail(result.status.value, f"{what}: {result.status.sentence}{because}{hint}")
+        self.story.say(f"{what}: proved impossible: {decided.certificate.statement}")
         why = explain(problem, decided, seed=self.seed)
-        self.summary |= {"why": why.to_json(), "proof": decided.certificate.statement}
-        folder = self.recording.path.parent
-        write_json_atomic(folder / f"{self.scene.name}.certificate.json", decided.certificate.to_json())
+        self.story.summary |= {"why": why.to_json(), "proof": decided.certificate.statement}
+        folder = self.story.recording.path.parent
+        write_json_atomic(folder / f"{self.story.scene.name}.certificate.json", decided.certificate.to_json())
         if problem.cover is not None:
             nearest = None if why.closest is None else why.closest.q
-            self.recording.log_blame(why.pieces, problem.robot, problem.cover, nearest)
-        self.fail(decided.status.value, f"{what}: {decided.status.sentence} In short: {why.sentence}.")
+            self.story.recording.log_blame(why.pieces, problem.robot, problem.cover, nearest)
+        self.story.fail(decided.status.value, f"{what}: {decided.status.sentence} In short: {why.sentence}.")
 
-    @asks
     def follow(
         self,
         world: PlanningWorld,
@@ -78,16 +87,16 @@ class Planning(Story):
         tolerance: PathTolerance | None = None,
     ) -> Path:
         """A continuous joint path along tool poses, by fast local steps; without one the task ends with the reason and place."""
-        problem, rescue = world.problem(poses[0]), step_solver(self.planner, seed=self.seed)
-        solver = local_solver(problem, tolerance=tolerance, limits=limits, rescue=rescue, seed=self.seed)
-        result = follow(problem, poses, q_start, tolerance=tolerance, limits=limits, solver=solver)
+        with self.story.asking(what, world):
+            problem, rescue = world.problem(poses[0]), step_solver(self.planner, seed=self.seed)
+            solver = local_solver(problem, tolerance=tolerance, limits=limits, rescue=rescue, seed=self.seed)
+            result = follow(problem, poses, q_start, tolerance=tolerance, limits=limits, solver=solver)
         if result.path is None or not result.followed:
             where = "" if result.failure is None else f" {result.failure.words}"
-            self.fail(result.status.value, f"{what}{where}. {result.status.sentence}")
+            self.story.fail(result.status.value, f"{what}{where}. {result.status.sentence}")
         self._tell_path(result.path, limits, what)
         return result.path
 
-    @asks
     def trace(
         self,
         world: PlanningWorld,
@@ -105,38 +114,39 @@ class Planning(Story):
         `move` from where it stands.
         """
         begins = begins or functools.partial(self._begin, world)
-        result = route(
-            world.problem(poses[0]),
-            poses,
-            q_start,
-            q_near=world.robot.start,
-            begins=functools.partial(self.can, begins) if q_start is None else None,
-            tolerance=tolerance,
-            limits=limits,
-            solver=self.planner,
-            seed=self.seed,
-        )
+        with self.story.asking(what, world):
+            result = route(
+                world.problem(poses[0]),
+                poses,
+                q_start,
+                q_near=world.robot.start,
+                begins=functools.partial(self.can, begins) if q_start is None else None,
+                tolerance=tolerance,
+                limits=limits,
+                solver=self.planner,
+                seed=self.seed,
+            )
         for line in result.tried:
-            self.say(f"{what}: {line}")
+            self.story.say(f"{what}: {line}")
         if result.path is None or result.metrics is None or not result.followed:
             where = "" if result.failure is None else f" {result.failure.words}"
-            self.fail(result.status.value, f"{what}{where}. {result.status.sentence}")
+            self.story.fail(result.status.value, f"{what}{where}. {result.status.sentence}")
         metrics = result.metrics
-        self.say(
+        self.story.say(
             f"{what}: {metrics.waypoints} waypoints, largest step {metrics.largest_step:.3f} rad, half-way at most "
             f"{1e3 * metrics.deviation_m:.2f} mm off, manipulability {1e3 * metrics.manipulability:.2f}e-3 or more, "
             f"{metrics.limit_distance:.2f} rad or more from limits, proved {1e3 * metrics.clearance_between:.0f} mm clear"
         )
         return result.path
 
-    @asks
     def move(self, world: PlanningWorld, q_from: Array, q_to: Array, what: str) -> Path:
         """A collision-free joint path between two configurations; without one the task ends with the reason."""
-        settings = LOOKING if self.trying else MOVING
-        found = plan_in_world(world, q_from, q_to, settings=settings, seed=self.seed)
+        settings = LOOKING if self.story.trying else MOVING
+        with self.story.asking(what, world):
+            found = plan_in_world(world, q_from, q_to, settings=settings, seed=self.seed)
         if found.path is None:
-            self.fail(found.status.value, f"{what}: {found.detail}. {found.status.sentence}")
-        self.say(f"{what}: {len(found.path)} waypoints, proved clear")
+            self.story.fail(found.status.value, f"{what}: {found.detail}. {found.status.sentence}")
+        self.story.say(f"{what}: {len(found.path)} waypoints, proved clear")
         return found.path
 
     def _begin(self, world: PlanningWorld, q: Array) -> Path:
@@ -147,16 +157,13 @@ class Planning(Story):
 
         A configuration that may not be one, because it collides, is a no as well.
         """
-        already, self.trying = self.trying, True
-        try:
-            plan(*arguments)
-        except (TaskFailedError, InputError):
-            return False
-        finally:
-            self.trying = already
+        with self.story.quietly():
+            try:
+                plan(*arguments)
+            except (TaskFailedError, InputError):
+                return False
         return True
 
-    @asks
     def reach(
         self,
         world: PlanningWorld,
@@ -174,34 +181,35 @@ class Planning(Story):
         axis of the tool within a cone all along: for what must not tilt, or would slip if it did.
         """
         ways = [inward, *others]
-        result = reach(
-            world, q_start, ways, limits=limits, upright=upright, solver=self.planner, seed=self.seed
-        )
+        with self.story.asking(what, world):
+            result = reach(
+                world, q_start, ways, limits=limits, upright=upright, solver=self.planner, seed=self.seed
+            )
         if result.path is None:
             status = "NOT_FOUND" if result.ik is None or result.ik.solved else result.ik.status.value
-            self.fail(status, f"{what}: {'; '.join(result.failures)}")
+            self.story.fail(status, f"{what}: {'; '.join(result.failures)}")
         self._tell_path(result.path, limits, f"{what} ({result.how})")
         return result.path
 
-    @asks
     def carry(
         self, team: Team, poses: Sequence[Pose], starts: Mapping[str, Array], limits: FollowLimits, what: str
     ) -> Path:
         """A proved path of all arms that hold an object, along the object's poses; without one the task ends with why."""
-        result = carry(team, poses, starts, limits=limits, solver=self.planner, seed=self.seed)
+        with self.story.asking(what, *team.worlds.values()):
+            result = carry(team, poses, starts, limits=limits, solver=self.planner, seed=self.seed)
         if result.path is None or result.proof is None:
             status = "COLLISION" if result.proof is not None else "NOT_FOUND"
-            self.fail(status, f"{what}: {result.failure}")
-        self.say(
+            self.story.fail(status, f"{what}: {result.failure}")
+        self.story.say(
             f"{what}: {len(result.path)} waypoints of {len(team.grasps)} arms, largest step "
             f"{result.path.largest_step:.3f} rad, proved at least {1e3 * result.proof.margin:.0f} mm clear all along"
         )
         for name in team.grasps:
-            self._log_way(name, team.tools(name, result.path.configurations))
+            self.story.log_way(name, team.tools(name, result.path.configurations))
         return result.path
 
     def _tell_path(self, path: Path, limits: FollowLimits, what: str) -> None:
-        self.say(
+        self.story.say(
             f"{what}: {len(path)} waypoints, largest step {path.largest_step:.3f} rad, "
             f"proved at least {1e3 * limits.clearance:.0f} mm clear all along"
         )

@@ -27,22 +27,16 @@ class Story:
 
     Attributes:
         scene: the compiled scene of the task file.
-        planner: name of the solver for configurations and paths.
-        controller: name of what drives the motors (`workcell.simulate.controller.CONTROLLERS`).
-        seed: same seed, same plan.
         recording: the open `.rrd`.
         tell: where lines of the story go.
         summary: what `DIR/<task>.json` will hold.
         began: `time.perf_counter()` when the run began.
         sim_time: seconds simulated so far, the time of the events that are logged.
         ways: tool positions (k, 3) of the plans logged so far, by the robot's name.
-        trying: whether what is planned now is a try (see `can`).
+        trying: whether what happens now is a try, which is not told (see `quietly`).
     """
 
     scene: Scene
-    planner: str
-    controller: str
-    seed: int
     recording: Recording
     tell: Callable[[str], None]
     summary: dict[str, Any]
@@ -57,6 +51,23 @@ class Story:
             return
         self.recording.event(self.sim_time, text, level)
         self.tell(f"[{time.perf_counter() - self.began:6.2f} s] {text}")
+
+    @contextmanager
+    def quietly(self) -> Iterator[None]:
+        """Nothing that is said meanwhile is told: it is about a try."""
+        already, self.trying = self.trying, True
+        try:
+            yield
+        finally:
+            self.trying = already
+
+    @contextmanager
+    def asking(self, what: str, *worlds: PlanningWorld) -> Iterator[None]:
+        """Records what the planner sees in `worlds`, then, under `what`, the queries of inverse kinematics made meanwhile."""
+        for world in worlds:
+            self.recording.log_world(world)
+        with self.recording.queries(what):
+            yield
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
@@ -83,16 +94,12 @@ class Story:
 
     def log_plan(self, path: Path) -> None:
         """A planned way of the tool into the recording, after those that were planned for this robot before."""
-        self._log_way(path.robot.name, path.robot.fk_transform(path.configurations))
+        self.log_way(path.robot.name, path.robot.fk_transform(path.configurations))
 
-    def _log_way(self, robot: str, tools: Array) -> None:
-        """Tool poses (k, 4, 4) behind those that were logged for this robot before."""
+    def log_way(self, robot: str, tools: Array) -> None:
+        """Tool poses (k, 4, 4) into the recording, behind those that were logged for this robot before."""
         self.ways.setdefault(robot, []).append(tools[:, :3, 3])
         self.recording.log_plan(robot, np.concatenate(self.ways[robot]))
-
-    def simulation(self) -> Simulation:
-        """A simulation of the scene that logs into the recording."""
-        return Simulation(self.scene, controller=self.controller, on_chunk=self._log_chunk)
 
     def tool_trace(self, simulation: Simulation, begin: float, end: float) -> Array:
         """(k, 3) where the tool was, in the world, between two moments of the simulation (seconds)."""
@@ -100,7 +107,8 @@ class Story:
         points: Array = rows.tool_position[(rows.time >= begin) & (rows.time <= end)]
         return points
 
-    def _log_chunk(self, chunk: Execution) -> None:
+    def log_chunk(self, chunk: Execution) -> None:
+        """Rows of a simulation into the recording, their events into the story: what `Simulation` hands out."""
         self.recording.log_execution(chunk)
         if len(chunk):
             self.sim_time = float(chunk.time[-1])

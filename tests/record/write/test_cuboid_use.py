@@ -6,7 +6,6 @@ import io
 import json
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +22,6 @@ from workcell.record.show.planner_view import box_edges, cuboids_at
 from workcell.record.show.plots import plot_metrics
 from workcell.record.show.terminal import review_table
 from workcell.record.write.recording import Recording
-from workcell.task.asks import asks
 
 TIMES = np.linspace(0.0, 1.0, 41)
 
@@ -235,28 +233,16 @@ def test_another_free_space_adds_and_known_cuboids_keep_their_numbers(tmp_path: 
 def test_worlds_that_are_planned_in_are_recorded_once(
     tmp_path: Path, scene: Scene, cover: SphereCover, space: FreeSpace
 ) -> None:
-    """The methods' argument is enough: the cover of a robot without one, and the cuboids that are new."""
-
-    class Worker:
-        def __init__(self, recording: Recording) -> None:
-            self.recording = recording
-
-        @asks
-        def follow(self, world: Any, what: str) -> None: ...
-
-        @asks
-        def carry(self, team: Any, what: str) -> None: ...
-
+    """The cover of a robot without one, and the cuboids that are new."""
     near = SimpleNamespace(scene=scene, robot=scene.robot(), cover=cover, free_space=space)
     larger = FreeSpace([*space.lower, [3, 3, 3]], [*space.upper, [4, 4, 4]])
     other = SphereCover(cover.link[:2], cover.centre[:2], cover.radius[:2])
     far = SimpleNamespace(scene=scene, robot=scene.robot(), cover=other, free_space=larger)
     with Recording(tmp_path / "run.rrd", task="work") as recording:
         recording.log_scene(scene)
-        worker = Worker(recording)
-        worker.follow(near, "there")
-        worker.follow(near, "back")
-        worker.carry(SimpleNamespace(worlds={"a": far}), "together")
+        recording.log_world(near)
+        recording.log_world(near)
+        recording.log_world(far)
     contents = read(tmp_path / "run.rrd")
     assert len(contents.below("world/free_space")) == len(space) + 1
     uses = Stage.of(contents).uses

@@ -31,7 +31,6 @@ from workcell.record.show.terminal import review_table
 from workcell.record.write.recording import Recording
 from workcell.record.write.rrd import RrdWriter
 from workcell.record.write.solver_log import CPU, LOG, QUERIES, RESIDUAL
-from workcell.task.asks import asks
 
 
 @pytest.fixture(scope="module")
@@ -150,23 +149,6 @@ def test_cuboids_of_the_solver_itself_are_told_by_the_recording_s_numbers(
     names = robot.link_names
     assert found.queries[0].cuboids == {names[1]: [1, 2], names[2]: [2]}
     assert f"the part: ikspark had {names[1]} in 1 and 2, {names[2]} in 2" in text_of(found)
-
-
-def test_methods_are_recorded_under_what_they_are_for(tmp_path: Path, problem: IKProblem) -> None:
-    class Worker:
-        def __init__(self, recording: Recording) -> None:
-            self.recording = recording
-
-        @asks
-        def reach(self, asked: IKProblem, what: str, *, seed: int = 0) -> IKResult:
-            return solve(asked, seed=seed)
-
-    with Recording(tmp_path / "run.rrd", task="asking") as recording, recording.queries("elsewhere"):
-        worker = Worker(recording)
-        worker.reach(problem, "by place")
-        worker.reach(asked=problem, seed=1, what="by name")
-        solve(problem)
-    assert [q.what for q in review(tmp_path / "run.rrd").queries] == ["by place", "by name", "elsewhere"]
 
 
 def test_a_recording_without_stages_says_nothing_of_them(tmp_path: Path, toy: mujoco.MjModel) -> None:

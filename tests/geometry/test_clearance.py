@@ -5,12 +5,12 @@ from hypothesis import strategies as st
 
 from tests.geometry.shapes import BOUNDED, points_inside, random_piece
 from workcell.geometry.clearance import (
-    ObstacleArrays,
     robot_clearance,
     robot_clearance_gradient,
     sphere_clearance_gradients,
     sphere_clearances,
 )
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.types import Piece, SphereCover
 from workcell.model.robot import serial_robot
 from workcell.pose import Pose

@@ -15,8 +15,9 @@ from tests.geometry.plain_distances import plain_distances
 from tests.geometry.shapes import BOUNDED, random_piece
 from tests.ik.arms import random_arm
 from workcell.errors import InputError, ModelError
-from workcell.geometry.clearance import ObstacleArrays, sphere_clearances
+from workcell.geometry.clearance import sphere_clearances
 from workcell.geometry.engine import ClearanceEngine
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.types import Piece, SphereCover
 from workcell.pose import Pose
 

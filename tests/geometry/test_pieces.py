@@ -6,10 +6,10 @@ import pytest
 
 from workcell.bench.geometry.covers import violations
 from workcell.errors import InputError, ModelError, UnknownNameError
-from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.covers.inner import inner_obstacle_cover, inscribed_balls
 from workcell.geometry.covers.outer import cover_of
 from workcell.geometry.covers.proof import prove_cover
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.pieces import hull_piece, pieces_of_bodies, robot_pieces, scene_obstacles
 from workcell.geometry.types import Piece
 from workcell.model.scene import Scene

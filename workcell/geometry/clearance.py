@@ -14,14 +14,6 @@ from workcell.geometry.types import Piece, SphereCover
 from workcell.model.robot import Robot
 from workcell.pose import Array
 
-__all__ = [
-    "ObstacleArrays",
-    "robot_clearance",
-    "robot_clearance_gradient",
-    "sphere_clearance_gradients",
-    "sphere_clearances",
-]
-
 
 def sphere_clearances(
     centres: ArrayLike, radii: ArrayLike, obstacles: ObstacleArrays | Sequence[Piece]

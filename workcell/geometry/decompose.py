@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from workcell.errors import ModelError
-from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.covers.outer import obstacle_cover, robot_cover
 from workcell.geometry.covers.proof import prove_cover
 from workcell.geometry.covers.reach_ball import ReachBall, part_in_reach, reach_ball
 from workcell.geometry.free_space.admissible import with_table
 from workcell.geometry.free_space.fill import fill_free_space, spheres_held, with_polytopes
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.pieces import move_piece, robot_pieces, scene_obstacles
 from workcell.geometry.types import FreeSpace, Piece, SphereCover
 from workcell.model.robot import Robot

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.covers.cache import cached_cover
 from workcell.geometry.covers.inner import inscribed_balls
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.pieces import robot_pieces
 from workcell.geometry.types import Piece, SphereCover
 from workcell.identity_cache import ByIdentity

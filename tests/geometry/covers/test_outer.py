@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 
 from tests.geometry.shapes import BOUNDED, points_inside, random_piece
 from workcell.errors import InputError, UnknownNameError
-from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.covers.outer import (
     attached_cover,
     cover_piece,
@@ -16,6 +15,7 @@ from workcell.geometry.covers.outer import (
 )
 from workcell.geometry.covers.proof import prove_cover
 from workcell.geometry.covers.tighten import tighten
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.pieces import robot_pieces
 from workcell.geometry.types import Piece, SphereCover
 from workcell.model.scene import Scene

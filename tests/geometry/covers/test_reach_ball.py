@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from tests.geometry.shapes import points_inside, random_piece
-from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.covers.outer import obstacle_cover, robot_cover
 from workcell.geometry.covers.proof import prove_cover
 from workcell.geometry.covers.reach_ball import ReachBall, part_in_reach, reach_ball
 from workcell.geometry.covers.subdivision import cover_by_cells
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.types import Piece
 from workcell.model.scene import Scene
 from workcell.pose import Pose

@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 
 from tests.geometry.shapes import BOUNDED, points_inside, random_piece
 from workcell.errors import InputError, ModelError
-from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.covers.outer import robot_cover
 from workcell.geometry.decompose import check_base_is_free
 from workcell.geometry.free_space.cuboids import (
@@ -17,6 +16,7 @@ from workcell.geometry.free_space.cuboids import (
     select_cuboids,
 )
 from workcell.geometry.free_space.fill import covered_fraction
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.separation import separations, support
 from workcell.geometry.types import FreeSpace, Piece
 from workcell.model.scene import Scene

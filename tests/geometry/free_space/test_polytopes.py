@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from tests.geometry.shapes import BOUNDED, points_inside, random_piece
 from workcell.errors import InputError
-from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.free_space.cuboids import inflate_cuboids
 from workcell.geometry.free_space.ellipsoid import Ellipsoid, facing, largest_ellipsoid
 from workcell.geometry.free_space.polytopes import inflate_polytope
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.separation import support, support_point
 from workcell.geometry.types import FreePolytope, Piece
 from workcell.pose import Pose, quat_to_matrix

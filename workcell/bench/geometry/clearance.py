@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from workcell.bench.rows import Bench, Row
-from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.engine import ClearanceEngine
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.pieces import pieces_of_bodies
 from workcell.geometry.self_collision import self_collision_pairs
 from workcell.geometry.types import Piece, SphereCover

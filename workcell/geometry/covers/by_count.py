@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from workcell.errors import InputError
-from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.covers.inner import volume_samples
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.types import Piece, SphereCover
 from workcell.pose import Pose
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from workcell.errors import ModelError
-from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.covers.proof import holes
 from workcell.geometry.covers.tighten import tighten
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.polytope import polytope_of
 from workcell.geometry.separation import bounding_box
 from workcell.geometry.types import Piece

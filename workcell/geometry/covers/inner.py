@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.errors import InputError
-from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.covers.reach_ball import ReachBall, part_in_reach
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.pieces import move_piece
 from workcell.geometry.separation import bounding_box
 from workcell.geometry.types import Piece, SphereCover

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from workcell.errors import InputError
-from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.covers.by_count import by_count, sphere_budget
 from workcell.geometry.covers.cache import cached_cover, content_key
 from workcell.geometry.covers.greedy import cover_union
 from workcell.geometry.covers.inner import inner_link_cover, inner_obstacle_cover
 from workcell.geometry.covers.reach_ball import ReachBall, part_in_reach
 from workcell.geometry.covers.subdivision import cover_by_cells, expected_count
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.pieces import model_pieces, move_piece, pieces_of_bodies, robot_pieces
 from workcell.geometry.types import Piece, SphereCover
 from workcell.pose import Array, Pose, read_only

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError
-from workcell.geometry.clearance import ObstacleArrays
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.separation import bounding_box
 from workcell.geometry.types import Piece
 from workcell.pose import Array, read_only

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workcell.geometry.clearance import ObstacleArrays
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.types import Piece, SphereCover
 from workcell.model.robot import Robot
 from workcell.pose import Array, Pose

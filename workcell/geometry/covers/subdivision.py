@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from workcell.geometry.clearance import ObstacleArrays
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.pieces import move_piece
 from workcell.geometry.separation import bounding_box
 from workcell.geometry.types import Piece

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.geometry.clearance import ObstacleArrays
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.types import Piece
 from workcell.pose import Array
 

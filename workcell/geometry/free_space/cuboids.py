@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError
-from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.free_space.blockers import Blockers
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.separation import separations
 from workcell.geometry.types import FreeSpace, Piece, SphereCover
 from workcell.model.robot import Robot

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from workcell.geometry.clearance import ObstacleArrays, robot_clearance
+from workcell.geometry.clearance import robot_clearance
 from workcell.geometry.free_space.cuboids import (
     biased_seeds,
     holds_spheres,
@@ -17,6 +17,7 @@ from workcell.geometry.free_space.cuboids import (
     select_cuboids,
 )
 from workcell.geometry.free_space.polytopes import inflate_polytope
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.types import FreePolytope, FreeSpace, Piece, SphereCover
 from workcell.model.robot import Robot
 from workcell.pose import Array

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError
-from workcell.geometry.clearance import ObstacleArrays
 from workcell.geometry.free_space.ellipsoid import Ellipsoid, facing, largest_ellipsoid
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.polytope import Polytope, hull_of
 from workcell.geometry.separation import support
 from workcell.geometry.types import FreePolytope, Piece

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from workcell.geometry.clearance import ObstacleArrays
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.types import Piece
 from workcell.ik.cidgik.instance import Instance
 from workcell.ik.cidgik.reduction import Vectors

@@ -10,7 +10,7 @@ from contextlib import ExitStack
 
 import numpy as np
 
-from workcell.geometry.clearance import ObstacleArrays
+from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.ik.ikspark.instance import Instance, instance_of
 from workcell.ik.problem import IKProblem
 from workcell.pose import Array

@@ -1,1 +1,1 @@
-"""Problem sets and measured tables."""
+"""Measured tables: a paper's, or our own, measured again."""

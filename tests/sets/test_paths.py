@@ -108,6 +108,14 @@ def test_answers_are_not_paths(tmp_path):
     assert not holds_paths(file)
 
 
+def test_the_first_object_of_a_file_says_whether_it_holds_paths(tmp_path):
+    file = tmp_path / "paths.jsonl"
+    file.write_text('{half\n"text"\n7\n{"id": "a", "path": null}\n{"id": "b", "q": null}\n')
+    assert holds_paths(file)
+    file.write_text('"text"\n')
+    assert not holds_paths(file)
+
+
 def test_a_problem_without_a_start_is_named(documents, tmp_path, capsys):
     del documents["problems"][1]["start"]
     file = tmp_path / "set.json"

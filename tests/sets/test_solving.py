@@ -208,6 +208,14 @@ def test_large_certificates_stand_in_files_beside(seven_set, tmp_path, monkeypat
     assert verify_answers(seven_set, moved / "a.jsonl").proved == 1
 
 
+def test_a_certificate_file_that_is_nested_too_deeply_is_refused(seven_set, solved, tmp_path):
+    line = _lines(solved)[3]
+    (tmp_path / "deep.json").write_text("[" * 100_000)
+    path = tmp_path / "a.jsonl"
+    path.write_text(json.dumps(_changed(line, certificate="deep.json")))
+    assert verify_answers(seven_set, path).refused == ["line 1: is nested too deeply"]
+
+
 def test_blocked_answers_are_rechecked(tmp_path):
     blocked = generate(planar(), beads(planar(), 0.03), "unreachable", 4, seed=0)
     summary = solve_set(blocked, out=tmp_path / "a.jsonl")

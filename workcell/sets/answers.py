@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,9 +18,8 @@ INLINE_NUMBERS = 4096
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """One line of an answer file: where it stands, and what it claims."""
+    """What a line of an answer file claims."""
 
-    line: int
     id: str
     status: Status
     q: list[float] | None
@@ -65,31 +63,12 @@ def certificate_folder(out: Path) -> Path:
     return out.with_name(f"{out.stem}_certificates")
 
 
-def read_answers(path: Path) -> Iterator[Answer | str]:
-    """The answers of a file in order; a line that is no answer comes as the reason, beginning with its number.
+def parse_answer(document: Any, folder: Path) -> Answer:
+    """What a line's JSON value claims; certificates in files of their own are looked for from `folder`.
 
     Raises:
-        InputError: the file can't be read, or is not text.
+        InputError: it is no answer, or its certificate can't be read.
     """
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise InputError(f"can't be read: {error.strerror}", where=path) from None
-    except UnicodeDecodeError:
-        raise InputError("is not a text file", where=path, remedy="a file of JSON lines") from None
-    for number, text in enumerate(lines, start=1):
-        if text.strip():
-            try:
-                yield _parse(number, json.loads(text), path)
-            except json.JSONDecodeError as error:
-                yield f"line {number}: is not JSON ({error.msg}, column {error.colno})"
-            except RecursionError:
-                yield f"line {number}: is nested too deeply"
-            except InputError as error:
-                yield f"line {number}: {error}"
-
-
-def _parse(number: int, document: Any, path: Path) -> Answer:
     if not isinstance(document, dict):
         raise InputError("is not a JSON object", remedy='{"id": ..., "status": ..., "q": ...}')
     identity = document.get("id")
@@ -102,10 +81,10 @@ def _parse(number: int, document: Any, path: Path) -> Answer:
     name = document.get("status", Status.NOT_FOUND.value if q is None else Status.SOLVED.value)
     if name not in known:
         raise InputError(f"{identity}: unknown status {name!r}", remedy=", ".join(known))
-    certificate = _certificate(document.get("certificate"), path)
+    certificate = _certificate(document.get("certificate"), folder)
     cpu = document.get("cpu_s", document.get("time_s"))
     cpu_s = float(cpu) if isinstance(cpu, int | float) else math.nan
-    return Answer(number, identity, Status(name), q, certificate, cpu_s)
+    return Answer(identity, Status(name), q, certificate, cpu_s)
 
 
 def _check_numbers(q: Any, identity: str) -> None:
@@ -114,13 +93,15 @@ def _check_numbers(q: Any, identity: str) -> None:
         raise InputError(f'{identity}: "q" is not a list of finite numbers')
 
 
-def _certificate(entry: Any, path: Path) -> Certificate | None:
+def _certificate(entry: Any, folder: Path) -> Certificate | None:
     if entry is None:
         return None
     if not isinstance(entry, str):
         return Certificate.from_json(entry)
-    beside = path.parent / entry
+    beside = folder / entry
     try:
         return Certificate.from_json(beside.read_text(encoding="utf-8"), str(beside))
+    except RecursionError:
+        raise InputError("is nested too deeply") from None
     except (OSError, UnicodeDecodeError, ValueError) as error:
         raise InputError(f"the certificate file can't be read: {error}", where=beside) from None

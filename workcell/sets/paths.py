@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
+import functools
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from workcell.errors import InputError
 from workcell.ik.result import Status
 from workcell.motion.plans.to_pose import PosePlan
 from workcell.motion.proofs.judge import judge_path
+from workcell.sets.lines import read_lines, recheck
 from workcell.sets.problems import NamedProblem, ProblemSet
 
 
@@ -81,9 +81,9 @@ def holds_paths(file: Path) -> bool:
     Raises:
         InputError: the file can't be read, or is not text.
     """
-    for _, document in _documents(file):
-        if isinstance(document, dict):
-            return "path" in document
+    for line in read_lines(file):
+        if isinstance(line.value, dict):
+            return "path" in line.value
     return False
 
 
@@ -93,32 +93,29 @@ def verify_paths(problem_set: ProblemSet, file: Path) -> PathReport:
     Raises:
         InputError: the file can't be read. Lines that are no paths are refused in the report, by number.
     """
-    problems = {named.id: named for named in problem_set.problems}
-    report = PathReport(len(problems))
-    seen: set[str] = set()
-    for number, document in _documents(file):
-        identity = document.get("id") if isinstance(document, dict) else None
-        if isinstance(document, str):
-            reason: str | None = document
-        elif not isinstance(identity, str):
-            reason = 'is not a JSON object with the key "id"'
-        elif identity not in problems:
-            reason = f"the set has no problem {identity!r}"
-        elif identity in seen:
-            reason = f"a second answer to {identity!r}"
-        else:
-            seen.add(identity)
-            reason = _judge(problems[identity], document, report)
-            if reason is not None:
-                report.unanswered += 1
-                reason = f"{identity}: {reason}"
-        if reason is not None:
-            report.refused.append(f"line {number}: {reason}")
+    report = PathReport(len(problem_set.problems))
+    recheck(problem_set, file, report, _parse, functools.partial(_judge, report))
     return report
 
 
-def _judge(named: NamedProblem, document: dict[str, Any], report: PathReport) -> str | None:
-    """Why a line is refused; None: counted in the report."""
+@dataclass(frozen=True, slots=True)
+class _Claim:
+    """A line that names a problem; all else that it says is looked at when it is judged."""
+
+    id: str
+    document: dict[str, Any]
+
+
+def _parse(document: Any) -> _Claim:
+    identity = document.get("id") if isinstance(document, dict) else None
+    if not isinstance(identity, str):
+        raise InputError('is not a JSON object with the key "id"')
+    return _Claim(identity, document)
+
+
+def _judge(report: PathReport, named: NamedProblem, claim: _Claim) -> str | None:
+    """Why a path is refused; None: counted in the report."""
+    document = claim.document
     path, status = document.get("path"), document.get("status")
     known = [item.value for item in Status]
     if status is None:
@@ -143,24 +140,3 @@ def _judge(named: NamedProblem, document: dict[str, Any], report: PathReport) ->
     report.length += verdict.length
     report.looks += verdict.looks
     return None
-
-
-def _documents(file: Path) -> Iterator[tuple[int, Any]]:
-    """Line numbers and what stands there; a line that is no JSON comes as the reason, a text."""
-    try:
-        lines = file.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise InputError(f"can't be read: {error.strerror}", where=file) from None
-    except UnicodeDecodeError:
-        raise InputError("is not a text file", where=file, remedy="a file of JSON lines") from None
-    for number, text in enumerate(lines, start=1):
-        if not text.strip():
-            continue
-        try:
-            document = json.loads(text)
-        except json.JSONDecodeError as error:
-            yield number, f"is not JSON ({error.msg}, column {error.colno})"
-        except RecursionError:
-            yield number, "is nested too deeply"
-        else:
-            yield number, {} if isinstance(document, str) else document

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import time
 from collections import Counter
@@ -16,7 +17,8 @@ from workcell.ik.problem import Budget
 from workcell.ik.registry import AUTO
 from workcell.ik.result import IKResult, Status
 from workcell.ik.solve import check_solver_name, solve
-from workcell.sets.answers import Answer, answer_line, certificate_folder, read_answers
+from workcell.sets.answers import Answer, answer_line, certificate_folder, parse_answer
+from workcell.sets.lines import recheck
 from workcell.sets.problems import NamedProblem, ProblemSet
 from workcell.sets.reports import SolveSummary, VerifyReport
 from workcell.sets.workers import output_file, run_lines, write_line
@@ -93,34 +95,22 @@ def verify_answers(problem_set: ProblemSet, answers: Path) -> VerifyReport:
     Raises:
         InputError: the file can't be read. Lines that are no answers are refused in the report, by number.
     """
-    problems = {named.id: named for named in problem_set.problems}
-    report = VerifyReport(len(problems))
-    seen: set[str] = set()
-    for answer in read_answers(answers):
-        if isinstance(answer, str):
-            report.refused.append(answer)
-        elif answer.id not in problems:
-            report.refused.append(f"line {answer.line}: the set has no problem {answer.id!r}")
-        elif answer.id in seen:
-            report.refused.append(f"line {answer.line}: a second answer to {answer.id!r}")
-        else:
-            seen.add(answer.id)
-            _judge(problems[answer.id], answer, report)
+    report = VerifyReport(len(problem_set.problems))
+    parse = functools.partial(parse_answer, folder=answers.parent)
+    recheck(problem_set, answers, report, parse, functools.partial(_judge, report))
     return report
 
 
-def _judge(named: NamedProblem, answer: Answer, report: VerifyReport) -> None:
+def _judge(report: VerifyReport, named: NamedProblem, answer: Answer) -> str | None:
+    """Why an answer is refused; None: counted in the report."""
     if answer.status is Status.SOLVED:
-        reason = _judge_configuration(named, answer, report)
-    elif answer.status.is_proof:
-        reason = _judge_proof(named, answer)
-        report.proved += reason is None
-    else:
-        reason = None
+        return _judge_configuration(named, answer, report)
+    if not answer.status.is_proof:
         report.unanswered += 1
-    if reason is not None:
-        report.unanswered += 1
-        report.refused.append(f"line {answer.line}: {answer.id}: {reason}")
+        return None
+    reason = _judge_proof(named, answer)
+    report.proved += reason is None
+    return reason
 
 
 def _judge_configuration(named: NamedProblem, answer: Answer, report: VerifyReport) -> str | None:

@@ -50,6 +50,13 @@ def test_lines_keep_their_numbers_and_tell_their_faults(tmp_path):
     ]
 
 
+def test_a_number_that_python_will_not_read_is_a_fault_of_its_line(tmp_path):
+    file = tmp_path / "a.jsonl"
+    file.write_text("9" * 5_000 + "\n7\n")
+    first, second = read_lines(file)
+    assert first.fault == "holds a number of too many digits" and second.value == 7
+
+
 def test_files_that_can_not_be_read(tmp_path):
     with pytest.raises(InputError, match=r"none\.jsonl: can't be read: No such file"):
         list(read_lines(tmp_path / "none.jsonl"))

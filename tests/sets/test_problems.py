@@ -177,6 +177,7 @@ def test_everything_wrong_is_named(path, value, words, tmp_path):
         (b"null", "expected an object"),
         (b"\xff\xfe\x00", "is not a text file"),
         (b"[" * 100_000, "set.json"),
+        (b"9" * 5_000, "too many digits"),
     ],
 )
 def test_files_that_are_no_sets(content, words, tmp_path):

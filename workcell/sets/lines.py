@@ -62,6 +62,8 @@ def _line(number: int, text: str) -> Line:
         return Line(number, json.loads(text))
     except json.JSONDecodeError as error:
         return Line(number, fault=f"is not JSON ({error.msg}, column {error.colno})")
+    except ValueError:
+        return Line(number, fault="holds a number of too many digits")
     except RecursionError:
         return Line(number, fault="is nested too deeply")
 

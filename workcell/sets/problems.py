@@ -98,6 +98,8 @@ def _read_json(path: Path) -> Any:
         raise InputError(
             f"is not JSON: {error.msg}", where=f"{path}, line {error.lineno}, column {error.colno}"
         ) from None
+    except ValueError:
+        raise InputError("holds a number of too many digits", where=path) from None
     except RecursionError:
         raise InputError("is nested too deeply", where=path) from None
 

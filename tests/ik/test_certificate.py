@@ -12,14 +12,15 @@ from tests.ik.arms import beads, box
 from tests.ik.lifted_arms import parallel_elbow, scara, seven_axis, skew_arm
 from workcell.errors import InputError
 from workcell.geometry.types import FreeSpace
-from workcell.ik.certificate import Certificate, problem_hash
+from workcell.ik.branch.checker import check as branch_checker
+from workcell.ik.certificate import Certificate, Grounds, Scope, problem_hash, proof_scope
 from workcell.ik.ikspark.check import check_farkas
 from workcell.ik.ikspark.cuboid_proof import certify_model
 from workcell.ik.ikspark.cuboids import CuboidSet, meeting_pairs, reachable_pairs, sphere_maps
 from workcell.ik.ikspark.instance import instance_of, relaxation_of
 from workcell.ik.ikspark.rays import certify_kinematics
 from workcell.ik.ikspark.solver import solve_ikspark
-from workcell.ik.problem import Budget, IKProblem, Tolerances
+from workcell.ik.problem import Budget, Clearance, IKProblem, Tolerances
 from workcell.model.robot import Robot
 from workcell.pose import Pose, axis_angle_to_matrix
 
@@ -252,3 +253,29 @@ def test_the_solver_reports_a_proof_in_the_model() -> None:
     candidate = solve_ikspark(problem, Budget(0.6), 0)
     assert candidate.q is None and candidate.certificate is not None
     assert candidate.certificate.scope == "model" or candidate.certificate.kind == "last_link"
+
+
+@pytest.mark.parametrize(
+    "kind, judged, grounds, scope",
+    [
+        ("inner", False, "spheres", "geometry"),
+        ("inner", True, "spheres", "geometry"),
+        ("given", False, "spheres", "geometry"),
+        ("given", True, "spheres", "model"),
+        ("outer", False, "spheres", "model"),
+        ("outer", True, "spheres", "model"),
+        ("inner", False, "cuboids", "model"),
+        ("outer", True, "chain", "kinematics"),
+    ],
+)
+def test_a_proof_claims_no_more_than_it_rests_on(
+    kind: str, judged: bool, grounds: Grounds, scope: Scope
+) -> None:
+    robot = seven_axis()
+    cover = replace(beads(robot), kind=kind)
+    checker = (lambda q: Clearance(1.0)) if judged else None
+    problem = IKProblem(robot, robot.fk(robot.home), cover=cover, checker=checker)
+    assert proof_scope(problem, grounds) == scope
+    if grounds != "cuboids":
+        # the checker of trees says it for itself
+        assert branch_checker._scope(problem, grounds == "spheres") == scope

@@ -24,6 +24,9 @@ FORMAT = "workcell-certificate/1"
 Scope = Literal["kinematics", "geometry", "model"]
 """What a proof is about: the kinematics alone (UNREACHABLE), the true geometry (BLOCKED), the conservative model."""
 
+Grounds = Literal["chain", "spheres", "cuboids"]
+"""What a proof rests on: the chain and its limits alone, spheres that collide, spheres that no free cuboid has room for."""
+
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
@@ -192,8 +195,16 @@ def _pose(pose: Pose) -> tuple[Array, Array]:
     return pose.position, pose.quat_wxyz
 
 
-def collision_scope(problem: IKProblem) -> Scope:
-    """What penetrating spheres prove: spheres that cover the robot from outside, only the model they belong to."""
-    assert problem.cover is not None
-    true_shape = problem.cover.kind == "inner" or (problem.cover.kind == "given" and problem.checker is None)
+def proof_scope(problem: IKProblem, grounds: Grounds) -> Scope:
+    """What a proof is about, by what it rests on; all who issue one ask here.
+
+    Spheres inside the robot, or given as its shape with no other judge, prove something of the true geometry; spheres that
+    cover it from outside only of the model they belong to, and so do cuboids, which hold a part of the free space.
+    """
+    if grounds == "chain":
+        return "kinematics"
+    cover = problem.cover
+    if grounds == "cuboids" or cover is None:
+        return "model"
+    true_shape = cover.kind == "inner" or (cover.kind == "given" and problem.checker is None)
     return "geometry" if true_shape else "model"

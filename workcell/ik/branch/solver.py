@@ -18,7 +18,7 @@ from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.branch.arrays import KINDS, inflation, problem_arrays
 from workcell.ik.branch.checker.check import seal, statement
 from workcell.ik.branch.crew import Crew
-from workcell.ik.certificate import Certificate, Scope, problem_hash
+from workcell.ik.certificate import Certificate, problem_hash, proof_scope
 from workcell.ik.judge.verify import Verifier
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import Candidate
@@ -129,7 +129,7 @@ class BranchSearch:
         data["seal"] = seal(data)
         return Certificate(
             kind="branch",
-            scope=certificate_scope(problem, len(blocked) > 0),
+            scope=proof_scope(problem, "spheres" if len(blocked) else "chain"),
             statement=statement(data),
             margin=float(data["inflation"][0]),
             problem_hash=problem_hash(problem),
@@ -144,14 +144,6 @@ class BranchSearch:
         one, two = leaves[:, 1].astype(int), leaves[:, 2].astype(int)
         own = leaves[:, 0] == -3
         return np.stack([order[one], np.where(own, order[np.where(own, two, 0)], two)]).astype(float)
-
-
-def certificate_scope(problem: IKProblem, obstacles_used: bool) -> Scope:
-    """What a proof is about: see `workcell.ik.certificate.Scope`."""
-    if not obstacles_used:
-        return "kinematics"
-    kind = None if problem.cover is None else problem.cover.kind
-    return "geometry" if kind == "inner" or (kind == "given" and problem.checker is None) else "model"
 
 
 def _refuse(problem: IKProblem) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from workcell.errors import InputError
-from workcell.ik.certificate import Certificate, collision_scope, problem_hash
+from workcell.ik.certificate import Certificate, Scope, problem_hash, proof_scope
 from workcell.ik.cidgik.instance import Instance
 from workcell.ik.cidgik.model import relaxation_at
 from workcell.ik.cidgik.proof import Proof, malformed, margin
@@ -36,19 +36,21 @@ def _issued(problem: IKProblem, proof: Proof, covered: Array, found: float) -> C
     tolerances = f"{1e3 * covered[0]:g} mm and {covered[1]:g} rad"
     if len(proof.keys):
         count = len(np.unique(proof.keys[:, 2]))
-        scope = collision_scope(problem)
         statement = (
             f"No configuration within the joint limits brings the tool within {tolerances} of the target with all spheres "
             f"clear of {count} of the obstacles, {1e3 * covered[2]:g} mm of penetration allowed."
         )
     else:
-        scope = "kinematics"
         statement = (
             f"No configuration within the joint limits brings the tool within {tolerances} of the target, "
             "obstacles aside."
         )
     data = {name: getattr(proof, name) for name in _PARTS} | {"tolerances": covered}
-    return Certificate("cidgik", scope, statement, found, problem_hash(problem), data)
+    return Certificate("cidgik", _scope(problem, proof), statement, found, problem_hash(problem), data)
+
+
+def _scope(problem: IKProblem, proof: Proof) -> Scope:
+    return proof_scope(problem, "spheres" if len(proof.keys) else "chain")
 
 
 def check_cidgik(problem: IKProblem, certificate: Certificate) -> str | None:
@@ -82,7 +84,7 @@ def _refusal(
     refusal = malformed(instance, keeper, proof)
     if refusal is not None:
         return refusal
-    scope = collision_scope(problem) if len(proof.keys) else "kinematics"
+    scope = _scope(problem, proof)
     if certificate.scope != scope:
         return f"its scope is {certificate.scope!r}, but it proves something of {scope!r}"
     found = margin(instance, keeper, proof, *map(float, certificate.data["tolerances"]))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from workcell.geometry.types import SphereCover
 from workcell.identity_cache import ByIdentity
-from workcell.ik.certificate import Certificate, collision_scope, problem_hash
+from workcell.ik.certificate import Certificate, problem_hash, proof_scope
 from workcell.ik.judge.exact import exact_distances, target_rotation
 from workcell.ik.judge.verify import sphere_name
 from workcell.ik.problem import IKProblem
@@ -64,8 +64,9 @@ def check_last_link(problem: IKProblem, certificate: Certificate) -> str | None:
         return refusal
     if problem.cover is None or not problem.obstacles:
         return "the problem has no spheres or no obstacles"
-    if certificate.scope != collision_scope(problem):
-        return f"the scope {certificate.scope!r} claims too much: spheres prove it of {collision_scope(problem)!r}"
+    scope = proof_scope(problem, "spheres")
+    if certificate.scope != scope:
+        return f"the scope {certificate.scope!r} claims too much: spheres prove it of {scope!r}"
     if _Depth.of(problem).deepest(covered)[0] <= 0:
         return "no sphere of the last link must penetrate an obstacle at the target"
     return None
@@ -212,7 +213,7 @@ def _prove_reach(problem: IKProblem) -> Certificate | None:
         f"{_covering(covered)}"
     )
     data = {"tolerances": covered, "slides": slides}
-    return Certificate("reach", "kinematics", statement, margin, problem_hash(problem), data)
+    return Certificate("reach", proof_scope(problem, "chain"), statement, margin, problem_hash(problem), data)
 
 
 def _prove_last_link(problem: IKProblem) -> Certificate | None:
@@ -231,7 +232,8 @@ def _prove_last_link(problem: IKProblem) -> Certificate | None:
         f"{problem.obstacles[piece].name}, {1e3 * margin:.1f} mm deeper than needed, {_covering(covered)}"
     )
     data = {"tolerances": covered, "pair": np.array([sphere, piece])}
-    return Certificate("last_link", collision_scope(problem), statement, margin, problem_hash(problem), data)
+    scope = proof_scope(problem, "spheres")
+    return Certificate("last_link", scope, statement, margin, problem_hash(problem), data)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from workcell.errors import InputError
-from workcell.ik.certificate import Certificate, problem_hash
+from workcell.ik.certificate import Certificate, problem_hash, proof_scope
 from workcell.ik.ikspark.cuboids import reachable_pairs, sphere_maps
 from workcell.ik.ikspark.instance import relaxation_of
 from workcell.ik.ikspark.lift import goal_vector
@@ -47,7 +47,8 @@ def _issue(problem: IKProblem, ray: Array, places: Array) -> Certificate | None:
         "has every sphere of the cover inside one of the free-space cuboids."
     )
     data = {"ray": ray, "places": places, "tolerance": tolerance}
-    return Certificate("farkas", "model", statement, margin, problem_hash(problem), data)
+    scope = proof_scope(problem, "cuboids")
+    return Certificate("farkas", scope, statement, margin, problem_hash(problem), data)
 
 
 def check_model(problem: IKProblem, certificate: Certificate, tolerance: Array) -> str | None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from workcell.errors import InputError
-from workcell.ik.certificate import Certificate, problem_hash
+from workcell.ik.certificate import Certificate, problem_hash, proof_scope
 from workcell.ik.ikspark.instance import relaxation_of
 from workcell.ik.ikspark.lift import Lift, goal_vector
 from workcell.ik.ikspark.relaxation import Relaxation
@@ -75,7 +75,7 @@ def certify_kinematics(problem: IKProblem, z: Array) -> Certificate | None:
     position, rotation = problem.tolerances.position, problem.tolerances.rotation
     return Certificate(
         kind="farkas",
-        scope="kinematics",
+        scope=proof_scope(problem, "chain"),
         statement=f"No configuration within the joint limits{_bounds(problem)} brings the tool within "
         f"{1e3 * position:g} mm and {rotation:g} rad of the target, obstacles aside.",
         margin=margin,

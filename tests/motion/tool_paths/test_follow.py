@@ -12,6 +12,7 @@ from workcell.ik.problem import Clearance, IKProblem
 from workcell.ik.result import IKResult, Status
 from workcell.motion.path import Path
 from workcell.motion.tool_paths.follow import FollowLimits, FollowStatus, follow, line, path_metrics
+from workcell.motion.tool_paths.steps import LocalSolver
 from workcell.pose import Pose
 
 START = np.array([0.2, 0.5, 0.1, 0.9, -0.2, 0.6, 0.3])
@@ -179,3 +180,17 @@ def test_following_is_deterministic(arm7, straight, followed):
 def test_metrics_without_a_truth(planar):
     metrics = path_metrics(Path(planar, np.array([[0, 0, 0], [0.1, 0, 0.0]])), None, None)
     assert np.isnan(metrics.clearance_between) and metrics.evaluations == 0
+
+
+def test_a_tool_that_waits_has_a_proposal_for_each_time_that_its_pose_comes(arm7, straight):
+    """The same pose three times, while the arm turns along its self-motion as proposed; then on without proposals."""
+    waits = straight[0]
+    aside = 0.1 * np.linalg.svd(arm7.jacobian(START))[2][-1]
+    turned = [solve_locally(IKProblem(arm7, waits, q_reference=START + k * aside)).q for k in (1, 2)]
+    proposed = np.stack([START, *turned])
+    problem = IKProblem(arm7, waits)
+    followed = follow(
+        problem, [waits] * 3 + [straight[1]], START, solver=LocalSolver(problem), proposed=proposed
+    )
+    assert followed.followed and np.abs(np.diff(proposed, axis=0)).max() > 0.02
+    assert np.array_equal(followed.path.configurations[:3], proposed)

@@ -142,8 +142,28 @@ def test_a_solver_asks_the_rescue_only_where_steps_fail(arm7, straight):
     near = IKProblem(arm7, straight[1], q_reference=START, max_step=0.1)
     assert solver(near).solved and not asked and solver.local == 1
     assert solver(IKProblem(arm7, straight[1])).solved and len(asked) == 1 and solver.rescued == 1
-    solver.propose(straight, np.stack([START, solver(near).q]))
-    assert np.array_equal(solver(near).q, solver.proposals[id(straight[1])])
+
+
+def test_a_proposed_configuration_is_taken_where_the_judge_accepts_it(arm7, straight):
+    solver = LocalSolver(IKProblem(arm7, straight[0]), rescue=None)
+    near = IKProblem(arm7, straight[1], q_reference=START, max_step=0.1)
+    own = solver(near).q
+    proposed = own + 1e-6
+    assert np.array_equal(solver(near, proposed).q, proposed)
+    assert np.array_equal(solver(near, START).q, own)  # it has the tool elsewhere
+
+
+def test_of_the_poses_of_a_tolerance_the_proposed_one_is_asked_for_first(arm7, straight):
+    spin, asked = PathTolerance(rotation=(0, 0, FREE)), []
+
+    def solver(problem):
+        asked.append(problem.target)
+        return solve_locally(problem)
+
+    problem = IKProblem(arm7, straight[0], q_reference=START)
+    turned = solve_locally(IKProblem(arm7, straight[0] @ Pose([0, 0, 0], [0.9, 0, 0, np.sqrt(0.19)]))).q
+    result = Tolerant(solver, spin)(problem, turned)
+    assert result.solved and len(asked) == 1 and max(asked[0].error_to(arm7.fk(turned))) < 1e-3
 
 
 def test_poses_of_a_tolerance_are_asked_for_until_one_can_be_reached(arm7, straight):

@@ -52,10 +52,6 @@ class ConvexSteps:
 
     def followed(self, motion: Array) -> FollowResult:
         """Steps by the convex solver to the allowed poses that a motion (k, n) has."""
-        query, robot = self.query, self.query.template.robot
-        wanted = {
-            id(pose): query.tolerance.allowed(pose, robot, q)
-            for pose, q in zip(query.poses, motion, strict=False)
-        }
+        query = self.query
         steps = step_solver(query.solver, budget=STEP_BUDGET, seed=query.seed)
-        return query.followed(motion[0], Tolerant(steps, query.tolerance, wanted))
+        return query.follow(Tolerant(steps, query.tolerance), motion)

@@ -14,6 +14,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import starmap, zip_longest
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -60,6 +62,7 @@ def follow(
     limits: FollowLimits | None = None,
     extent: SphereCover | None = None,
     solver: Solver | None = None,
+    proposed: Array | None = None,
 ) -> FollowResult:
     """Track the poses with the tool, from a configuration that already has it at the first of them.
 
@@ -72,6 +75,7 @@ def follow(
         extent: spheres in link frames that contain the moving robot (for the proof between waypoints); None: the
             template's cover. Without either, or without a checker, no clearance is checked between waypoints.
         solver: answers one IK problem; None: IKSPARK through `workcell.ik.solve.solve`. See also `local_solver`.
+        proposed: (k, n) configurations that may do for the first k poses; None: there are none.
 
     Raises:
         InputError: fewer than two poses, or a start that is not at the first pose.
@@ -80,8 +84,10 @@ def follow(
     answer = solver or step_solver()
     if not isinstance(answer, LocalSolver | Tolerant):
         answer = Tolerant(answer, allowed)
+    poses = check_tool_path(tool_poses)
+    waypoints = zip_longest(poses, () if proposed is None else proposed[: len(poses)])
     tracker = _Tracker(template, limits or FollowLimits(), extent or template.cover, answer, allowed)
-    return tracker.run(check_tool_path(tool_poses), np.asarray(q_start, dtype=float))
+    return tracker.run(list(starmap(_Waypoint, waypoints)), np.asarray(q_start, dtype=float))
 
 
 def step_solver(name: str = "ikspark", budget: Budget | None = None, seed: int = 0) -> Solver:
@@ -166,12 +172,20 @@ def check_start(template: IKProblem, tolerance: PathTolerance, pose: Pose, q: Ar
         )
 
 
+@dataclass(frozen=True, slots=True)
+class _Waypoint:
+    """A pose of the path, and a configuration (n,) that may do for it."""
+
+    pose: Pose
+    proposed: Array | None = None
+
+
 @dataclass(slots=True)
 class _Tracker:
     template: IKProblem
     limits: FollowLimits
     extent: SphereCover | None
-    solver: Solver
+    solver: LocalSolver | Tolerant
     tolerance: PathTolerance
     configurations: list[Array] = field(default_factory=list)
     poses: list[Pose] = field(default_factory=list)
@@ -180,17 +194,19 @@ class _Tracker:
     proofs: list[Proof] = field(default_factory=list)
     solved: int = 0
 
-    def run(self, tool_poses: tuple[Pose, ...], q_start: Array) -> FollowResult:
-        check_start(self.template, self.tolerance, tool_poses[0], q_start)
+    def run(self, waypoints: list[_Waypoint], q_start: Array) -> FollowResult:
+        check_start(self.template, self.tolerance, waypoints[0].pose, q_start)
         checker = self.template.checker
-        self._append(tool_poses[0], q_start, Clearance(float("nan")) if checker is None else checker(q_start))
+        self._append(
+            waypoints[0].pose, q_start, Clearance(float("nan")) if checker is None else checker(q_start)
+        )
         status, failure = FollowStatus.FOLLOWED, None
-        for i, pose in enumerate(tool_poses[1:], start=1):
+        for i, waypoint in enumerate(waypoints[1:], start=1):
             try:
-                self._advance(pose, self.limits.max_halvings)
+                self._advance(waypoint, self.limits.max_halvings)
             except _StepError as error:
                 status = error.status
-                done = (i - 1) / (len(tool_poses) - 1)
+                done = (i - 1) / (len(waypoints) - 1)
                 failure = FollowFailure(i, done, error.pose, error.detail, error.ik)
                 break
         if len(self.configurations) < 2:
@@ -208,13 +224,13 @@ class _Tracker:
         self.poses.append(pose)
         self.reached.append(self.tolerance.allowed(pose, self.template.robot, q))
 
-    def _advance(self, pose: Pose, halvings: int) -> None:
-        """Go to `pose` from the last configuration, by way of poses between when the step or the deviation is too big."""
-        previous, q_previous = self.poses[-1], self.configurations[-1]
-        result = self._solve(pose, q_previous)
+    def _advance(self, waypoint: _Waypoint, halvings: int) -> None:
+        """Go on from the last configuration, by way of poses between when the step or the deviation is too big."""
+        pose, previous, q_previous = waypoint.pose, self.poses[-1], self.configurations[-1]
+        result = self._solve(waypoint, q_previous)
         reason: _StepError | None = None
         if result.q is None or not result.solved:
-            reason = self._why_no_step(pose, q_previous, halvings)
+            reason = self._why_no_step(waypoint, q_previous, halvings)
             if reason.status in _FINAL:
                 raise reason
         else:
@@ -222,28 +238,30 @@ class _Tracker:
         if reason is None and result.q is not None:
             self._append(pose, result.q, result.clearance)
         elif halvings > 0:
-            self._advance(previous.interpolate(pose, 0.5), halvings - 1)
-            self._advance(pose, halvings - 1)
+            self._advance(_Waypoint(previous.interpolate(pose, 0.5)), halvings - 1)
+            self._advance(waypoint, halvings - 1)
         elif reason is not None:
             raise reason
 
-    def _why_no_step(self, pose: Pose, q_previous: Array, halvings: int) -> _StepError:
+    def _why_no_step(self, waypoint: _Waypoint, q_previous: Array, halvings: int) -> _StepError:
         """Why a pose was not reached: asked once for a given pose, and where the distance can't be halved further."""
+        pose = waypoint.pose
         if 0 < halvings < self.limits.max_halvings:
             return _StepError(FollowStatus.STEP_TOO_LARGE, pose, "no configuration within the largest step")
         self.solved += 2
-        return diagnose(self.solver, self.template, pose, q_previous, self.limits.max_step)
+        solver = partial(self.solver, proposed=waypoint.proposed)
+        return diagnose(solver, self.template, pose, q_previous, self.limits.max_step)
 
-    def _solve(self, pose: Pose, q_previous: Array) -> IKResult:
+    def _solve(self, waypoint: _Waypoint, q_previous: Array) -> IKResult:
         self.solved += 1
         step = replace(
             self.template,
-            target=pose,
+            target=waypoint.pose,
             q_reference=q_previous,
             max_step=self.limits.max_step,
             max_link_rotation=self.limits.max_link_rotation,
         )
-        return self.solver(step)
+        return self.solver(step, waypoint.proposed)
 
     def _check_between(self, previous: Pose, pose: Pose, q_previous: Array, q: Array) -> _StepError | None:
         half = self.template.robot.fk(0.5 * (q_previous + q))

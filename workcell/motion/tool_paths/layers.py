@@ -11,7 +11,7 @@ ICRA 2000).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,11 +99,10 @@ class Sheet:
         """Layers at the pose that was reached, as long as each has more nodes than the one before."""
         for _round in range(ROUNDS if self.patient else 0):
             before = self.layers[-1]
-            pose = replace(before.pose)  # what is told of a pose is told by its identity
-            q, gap, parent, _ = self._arrivals(pose, before)
+            q, gap, parent, _ = self._arrivals(before.pose, before)
             if len(before.q) >= WIDTH or len(distinct(q, before.q)) == 0:
                 return
-            self.layers.append(self._layer(pose, q, gap, before, parent))
+            self.layers.append(self._layer(before.pose, q, gap, before, parent))
 
     def _onwards(self, pose: Pose, halvings: int) -> bool:
         """Add the layer of the next pose; by way of poses between where no node gets there, or hardly any."""

@@ -44,11 +44,6 @@ class RouteQuery:
     problem: IKProblem = field(init=False)
 
     def __post_init__(self) -> None:
-        # what is told of a pose is told by its identity: one that comes twice is copied
-        first = {id(pose): row for row, pose in reversed(list(enumerate(self.poses)))}
-        self.poses = tuple(
-            pose if first[id(pose)] == row else replace(pose) for row, pose in enumerate(self.poses)
-        )
         keep = max(self.limits.clearance, self.template.tolerances.safety_margin)
         tolerances = replace(self.template.tolerances, safety_margin=keep)
         self.problem = replace(self.template, tolerances=tolerances)
@@ -83,31 +78,19 @@ class RouteQuery:
 
     def follow(
         self,
-        local: LocalSolver,
+        solver: Solver,
         motion: Array,
         poses: tuple[Pose, ...] | None = None,
         halvings: int | None = None,
     ) -> FollowResult:
         """Step by step along a motion (k, n) through the first k poses (None: of the path), and on from there."""
-        poses = poses or self.poses
-        local.propose(poses, motion)
-        limits = self.limits if halvings is None else replace(self.limits, max_halvings=halvings)
-        return self.followed(motion[0], local, poses, limits)
-
-    def followed(
-        self,
-        q_start: Array,
-        solver: Solver,
-        poses: tuple[Pose, ...] | None = None,
-        limits: FollowLimits | None = None,
-    ) -> FollowResult:
-        """From a configuration of the first pose, by a solver of steps."""
         return follow(
             self.template,
             poses or self.poses,
-            q_start,
+            motion[0],
             tolerance=self.tolerance,
-            limits=limits or self.limits,
+            limits=self.limits if halvings is None else replace(self.limits, max_halvings=halvings),
             extent=self.extent,
             solver=solver,
+            proposed=motion,
         )

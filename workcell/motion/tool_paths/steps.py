@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -31,7 +31,6 @@ class LocalSolver:
 
     Attributes:
         local, rescued: steps answered by each.
-        proposals: configurations for poses (by their identity) that are looked at before anything is solved.
     """
 
     def __init__(
@@ -50,19 +49,18 @@ class LocalSolver:
         )
         self._rescue = None if rescue is None else Tolerant(rescue, self.tolerance)
         self.local, self.rescued = 0, 0
-        self.proposals: dict[int, Array] = {}
 
-    def propose(self, poses: Sequence[Pose], configurations: Array) -> None:
-        """Replace the proposals: configurations (k, n) for the first k of the poses, which must stay alive."""
-        self.proposals = {id(pose): q for pose, q in zip(poses, configurations, strict=False)}
+    def __call__(self, problem: IKProblem, proposed: Array | None = None) -> IKResult:
+        """A verified configuration within `max_step` of the reference, or what the rescue says.
 
-    def __call__(self, problem: IKProblem) -> IKResult:
-        """A verified configuration within `max_step` of the reference, or what the rescue says."""
+        Args:
+            problem: the step.
+            proposed: (n,) a configuration for it that is looked at before anything is solved; None: there is none.
+        """
         from workcell.jit import compile_seconds
 
         begun, compiled = time.process_time(), compile_seconds()
         reference = problem.q_reference
-        proposed = self.proposals.get(id(problem.target))
         name = "proposed step"
         result = None if proposed is None else accepted(problem, proposed, self.tolerance)
         if result is None and reference is not None and problem.cover is self.tracker.template.cover:
@@ -104,27 +102,25 @@ def accepted(problem: IKProblem, q: Array, tolerance: PathTolerance) -> IKResult
 class Tolerant:
     """A solver of whole poses, for paths with a tolerance: it is asked for allowed poses, the likeliest first.
 
-    These are the wanted one, the pose as far from the path as the tool was before, the path's own, and some more in the
-    box.
-
-    Args:
-        wanted: allowed poses for poses of the path, by their identity.
+    These are that of a proposed configuration, the pose as far from the path as the tool was before, the path's own, and
+    some more in the box.
     """
 
-    def __init__(
-        self, solver: Solver, tolerance: PathTolerance, wanted: Mapping[int, Pose] | None = None
-    ) -> None:
-        self._solver, self._tolerance, self._wanted = solver, tolerance, dict(wanted or {})
+    def __init__(self, solver: Solver, tolerance: PathTolerance) -> None:
+        self._solver, self._tolerance = solver, tolerance
 
-    def __call__(self, problem: IKProblem) -> IKResult:
-        """The first answer with a configuration; NOT_FOUND where none of the poses asked for has one."""
+    def __call__(self, problem: IKProblem, proposed: Array | None = None) -> IKResult:
+        """The first answer with a configuration; NOT_FOUND where none of the poses asked for has one.
+
+        Args:
+            problem: its target is the pose of the path.
+            proposed: (n,) a configuration whose own allowed pose is the likeliest; None: there is none.
+        """
         if self._tolerance.exact:
             return self._solver(problem)
-        poses = [problem.target]
-        if problem.q_reference is not None:
-            poses.insert(0, self._tolerance.allowed(problem.target, problem.robot, problem.q_reference))
-        if id(problem.target) in self._wanted:
-            poses.insert(0, self._wanted[id(problem.target)])
+        likely = [q for q in (proposed, problem.q_reference) if q is not None]
+        poses = [self._tolerance.allowed(problem.target, problem.robot, q) for q in likely]
+        poses.append(problem.target)
         poses += nearby_poses(poses[0], self._tolerance, angle=0.6, distance=0.05)
         result = None
         for pose in poses:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.simulate.test_shared_load import constraint_force
 from tests.simulate.test_simulation import quintic
 from workcell.errors import InputError, UnknownNameError
 from workcell.model.loading.assets import find_task
@@ -69,9 +70,12 @@ def test_what_two_hands_hold_in_the_air_weighs_what_it_weighs(scene):
     total = sum(weld_force(simulation._data, weld) for weld in held)
     mass = scene.model.body_subtreemass[scene.object("crate").body_id]
     assert total == pytest.approx([0, 0, 9.81 * mass], abs=0.02)
-    assert internal_force(simulation._data, held) < 1.0
+    left, right = (constraint_force(simulation._model, simulation._data, weld) for weld in held)
+    strain = np.linalg.norm(left - right) / 2
+    assert internal_force(simulation._data, held) == pytest.approx(strain, rel=1e-9)
+    assert strain < 1.0
     result = simulation.result()
-    assert result.internal_force[-1] == pytest.approx(internal_force(simulation._data, held), abs=0.2)
+    assert result.internal_force[-1] == pytest.approx(strain, abs=0.2)
     assert result.max_tracking_error_m < 1e-3
 
 

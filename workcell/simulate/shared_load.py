@@ -27,8 +27,8 @@ def weld_force(data: mujoco.MjData, weld: Weld) -> Array:
 def internal_force(data: mujoco.MjData, welds: Sequence[Weld]) -> float:
     """How hard the hands work against each other: largest deviation of a hand's force from the mean of all, newtons.
 
-    The mean moves and carries the object; what remains adds up to zero and strains it. Hands that share the load
-    equally have none.
+    The mean moves and carries the object; what remains adds up to zero and strains it, or turns it. Hands that share
+    the load equally have none.
     """
     forces = np.array([weld_force(data, weld) for weld in welds])
     return float(np.linalg.norm(forces - forces.mean(axis=0), axis=1).max())

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from workcell.errors import InputError, ModelError
 from workcell.geometry.types import Piece, SphereCover
 from workcell.identity_cache import ByIdentity
+from workcell.kernels.shape_kinds import BOX, CAPSULE, HULL, KINDS
 from workcell.model.robot import Robot
 from workcell.pose import Array, quat_to_matrix
 
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from workcell.kernels.chain import Arm, Tree
     from workcell.kernels.shapes import Shapes
 
-KINDS = {"box": 0, "sphere": 1, "capsule": 2, "cylinder": 3, "ellipsoid": 4, "halfspace": 5, "hull": 6}
-"""Codes of `workcell.kernels.distance`."""
 _TURN = 2 * np.pi
 _UPRIGHT = np.eye(3).ravel()
 
@@ -130,9 +129,9 @@ def pack_obstacles(pieces: Sequence[Piece]) -> tuple[Array, Array]:
     kind = rows[:, 0]
     if not kind.any():
         return rows, np.zeros((0, 13))
-    capsule = kind == KINDS["capsule"]
+    capsule = kind == CAPSULE
     rows[capsule, 16] = rows[capsule, 13] + rows[capsule, 14]
-    for row in map(int, np.flatnonzero(kind == KINDS["hull"])):
+    for row in map(int, np.flatnonzero(kind == HULL)):
         vertices = pieces[row].vertices
         assert vertices is not None
         middle, radius, surface = _surface(vertices.tobytes(), pieces[row].name)
@@ -187,7 +186,7 @@ def pack_shapes(pieces: Sequence[Piece]) -> Shapes:
     turned = rows[:, 4:13].reshape(-1, 3, 3)
     # A quarter turn is still along the axes; the rounding of its rotation is dropped with it.
     along = np.abs(turned) > 0.5
-    upright = (rows[:, 0] == KINDS["box"]) & np.all(np.abs(turned - np.round(turned)) < 1e-15, axis=(1, 2))
+    upright = (rows[:, 0] == BOX) & np.all(np.abs(turned - np.round(turned)) < 1e-15, axis=(1, 2))
     half = np.einsum("kij,kj->ki", along.astype(float), rows[:, 13:16])
     boxes = np.ascontiguousarray(np.column_stack([rows[:, 1:4], half])[upright].T)
     order = np.concatenate([np.flatnonzero(upright), np.flatnonzero(~upright)])

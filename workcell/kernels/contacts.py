@@ -9,7 +9,8 @@ import numpy as np
 
 from workcell.jit import inner, kernel
 from workcell.kernels.chain import Arm, carried, forward
-from workcell.kernels.distance import HALFSPACE, signed_distance
+from workcell.kernels.distance import signed_distance
+from workcell.kernels.shape_kinds import HALFSPACE
 from workcell.kernels.structures import World
 from workcell.pose import Array
 

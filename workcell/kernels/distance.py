@@ -1,6 +1,7 @@
 """Signed distances from points to convex obstacles, with their gradients: exact outside and inside.
 
-An obstacle is a row as `workcell.geometry.packing.pack_obstacles` makes them; its kind is one of the codes below.
+An obstacle is a row as `workcell.geometry.packing.pack_obstacles` makes them; its kind is one of
+`workcell.kernels.shape_kinds`.
 """
 
 from __future__ import annotations
@@ -8,9 +9,9 @@ from __future__ import annotations
 import math
 
 from workcell.jit import inner
+from workcell.kernels.shape_kinds import BALL, BOX, CAPSULE, CYLINDER, ELLIPSOID, HALFSPACE
 from workcell.pose import Array
 
-BOX, BALL, CAPSULE, CYLINDER, ELLIPSOID, HALFSPACE, HULL = range(7)
 Distance = tuple[float, float, float, float]
 """Signed distance in metres and its gradient."""
 _TINY = 1e-12

@@ -6,7 +6,7 @@ import numpy as np
 
 from workcell.jit import inner, kernel
 from workcell.kernels.chain import Tree, add_rates
-from workcell.kernels.distance import HALFSPACE
+from workcell.kernels.shape_kinds import HALFSPACE
 from workcell.kernels.shapes import Shapes, box_keys, to_shape
 from workcell.kernels.sphere_gaps import Index, add_self_rates, apart, place_spheres
 from workcell.pose import Array

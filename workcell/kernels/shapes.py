@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.jit import inner, kernel
-from workcell.kernels.distance import HALFSPACE, HULL, Distance, box_distance, hull_height, signed_distance
+from workcell.kernels.distance import Distance, box_distance, hull_height, signed_distance
+from workcell.kernels.shape_kinds import HALFSPACE, HULL
 from workcell.pose import Array
 
 Index = NDArray[np.int64]

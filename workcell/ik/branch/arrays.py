@@ -12,6 +12,7 @@ from workcell.geometry.types import Piece, SphereCover
 from workcell.identity_cache import ByIdentity
 from workcell.ik.branch.chain import Kinematics, joint_box, kinematics
 from workcell.ik.problem import IKProblem
+from workcell.kernels.shape_kinds import BOX, CAPSULE, CYLINDER, HALFSPACE, HULL, KINDS
 from workcell.pose import Array, quat_to_matrix
 
 OVERLAP = 1e-5
@@ -20,7 +21,8 @@ narrow leave thousands of tiny boxes."""
 INFLATION = (1e-4, 1e-3)
 """Metres and radians of departure from the target that every proof covers at least."""
 _placed = ByIdentity()
-KINDS = {"box": 0, "sphere": 1, "capsule": 2, "cylinder": 3, "halfspace": 4, "hull": 5}
+KNOWN = ("box", "sphere", "capsule", "cylinder", "halfspace", "hull")
+"""Pieces that have a test of exclusion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +113,7 @@ def _obstacles(problem: IKProblem, T_base_world: Array) -> tuple[Array, Array, A
     half = _half_extents(rows[:, 0], R, sizes)
     rows[:, 16:19], rows[:, 19:22] = origin - half, origin + half
     corner, facet = 0, 0
-    for k in np.flatnonzero(rows[:, 0] == KINDS["hull"]):
+    for k in np.flatnonzero(rows[:, 0] == HULL):
         corners, facets = _hull(pieces[k])
         world = corners @ R[k].T + origin[k]
         rows[k, 16:19], rows[k, 19:22] = world.min(axis=0), world.max(axis=0)
@@ -124,11 +126,11 @@ def _obstacles(problem: IKProblem, T_base_world: Array) -> tuple[Array, Array, A
 
 def _half_extents(kinds: Array, R: Array, sizes: Array) -> Array:
     """(k, 3) half the sizes of axis-aligned boxes around the pieces' origins that hold them; huge for half-spaces."""
-    core, radius = np.zeros_like(sizes), np.where(kinds == KINDS["box"], 0.0, sizes[:, 0])
-    long = (kinds == KINDS["capsule"]) | (kinds == KINDS["cylinder"])
+    core, radius = np.zeros_like(sizes), np.where(kinds == BOX, 0.0, sizes[:, 0])
+    long = (kinds == CAPSULE) | (kinds == CYLINDER)
     core[long, 2] = sizes[long, 1]
-    core[kinds == KINDS["box"]] = sizes[kinds == KINDS["box"]]
-    radius[kinds == KINDS["halfspace"]] = 1e9
+    core[kinds == BOX] = sizes[kinds == BOX]
+    radius[kinds == HALFSPACE] = 1e9
     half: Array = np.einsum("kij,kj->ki", np.abs(R), core) + radius[:, None]
     return half
 

@@ -15,7 +15,7 @@ import numpy as np
 from workcell.compile_ahead import DECIDING, wait_for
 from workcell.errors import InputError
 from workcell.geometry.types import Piece, SphereCover
-from workcell.ik.branch.arrays import KINDS, inflation, problem_arrays
+from workcell.ik.branch.arrays import KNOWN, inflation, problem_arrays
 from workcell.ik.branch.checker.check import seal, statement
 from workcell.ik.branch.crew import Crew
 from workcell.ik.certificate import Certificate, problem_hash, proof_scope
@@ -151,7 +151,7 @@ def _refuse(problem: IKProblem) -> None:
         raise InputError("branch and bound doesn't know this bound", where="max_link_rotation", remedy="None")
     if problem.cover is not None:
         for piece in problem.obstacles:
-            if piece.kind not in KINDS:
+            if piece.kind not in KNOWN:
                 raise InputError(
-                    f"a piece of kind {piece.kind!r}", where=piece.name, remedy=f"one of {', '.join(KINDS)}"
+                    f"a piece of kind {piece.kind!r}", where=piece.name, remedy=f"one of {', '.join(KNOWN)}"
                 )

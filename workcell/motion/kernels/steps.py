@@ -16,7 +16,8 @@ from typing import NamedTuple
 
 from workcell.jit import inner
 from workcell.kernels.chain import carried
-from workcell.kernels.distance import BOX, HALFSPACE, HULL, hull_height, signed_distance
+from workcell.kernels.distance import hull_height, signed_distance
+from workcell.kernels.shape_kinds import BOX, HALFSPACE, HULL
 from workcell.motion.kernels.body import Body, span
 from workcell.pose import Array
 

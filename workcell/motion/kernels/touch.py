@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from workcell.jit import inner
 from workcell.kernels.chain import carried, forward
-from workcell.kernels.distance import BOX, HALFSPACE, HULL, hull_height, signed_distance
+from workcell.kernels.distance import hull_height, signed_distance
+from workcell.kernels.shape_kinds import BOX, HALFSPACE, HULL
 from workcell.motion.kernels.body import Body, Room
 from workcell.pose import Array
 

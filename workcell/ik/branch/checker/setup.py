@@ -8,15 +8,22 @@ import numpy as np
 
 from workcell.identity_cache import ByIdentity
 from workcell.ik.branch.checker.closure import Robot
-from workcell.ik.branch.checker.obstacles import Scene
+from workcell.ik.branch.checker.obstacles import BOX, CAPSULE, CYLINDER, HALFSPACE, HULL, SPHERE, Scene
 from workcell.ik.branch.checker.vectors import EPS
 from workcell.ik.problem import IKProblem
 from workcell.model.robot import LIMIT_SLACK
 from workcell.model.robot import Robot as Arm
 from workcell.pose import Array, quat_to_matrix
 
-KINDS = {"box": 0, "sphere": 1, "capsule": 2, "cylinder": 3, "halfspace": 4, "hull": 5}
-"""Pieces that the checker knows, and their numbers."""
+KINDS = {
+    "box": BOX,
+    "sphere": SPHERE,
+    "capsule": CAPSULE,
+    "cylinder": CYLINDER,
+    "halfspace": HALFSPACE,
+    "hull": HULL,
+}
+"""Pieces that the checker knows, and its own numbers for them: it shares nothing with solvers, their table of shapes included."""
 _PARALLEL = 1e-4
 _FREE = {"pose": [], "position": [0, 1, 2], "axis": [2]}
 """Axes of the tool about which a goal leaves the target free to turn, outermost first: joints of the target."""

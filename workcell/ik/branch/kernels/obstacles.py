@@ -18,8 +18,9 @@ import numpy as np
 from workcell.ik.branch.kernels.elimination import spread
 from workcell.ik.branch.kernels.motion import arm, ball_radius
 from workcell.ik.branch.kernels.state import SLACK, Chain, State
-from workcell.ik.branch.kernels.world import BOX, World, signed_distance, to_local
+from workcell.ik.branch.kernels.world import World, signed_distance, to_local
 from workcell.jit import exact_inner, exact_kernel
+from workcell.kernels.shape_kinds import BOX
 from workcell.pose import Array
 
 

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.jit import exact_inner, exact_kernel
+from workcell.kernels.shape_kinds import BOX, CAPSULE, CYLINDER, HALFSPACE, HULL
 from workcell.pose import Array
 
-BOX, BALL, CAPSULE, CYLINDER, HALFSPACE, HULL = 0, 1, 2, 3, 4, 5
-"""Kinds of obstacles, as the rows of `World.obstacles` name them."""
 _ROUNDS = 60
 _CONVERGED = 1e-9
 
@@ -21,7 +20,7 @@ class World(NamedTuple):
 
     Attributes:
         spheres: (m, 5) index of the frame that carries each, centre in it, radius.
-        obstacles: (k, 24) kind, rotation (9), position (3), size (3), bounding box (6), first and last row of its
+        obstacles: (k, 24) kind (see `shape_kinds`), rotation (9), position (3), size (3), bounding box (6), first and last row of its
             vertices and planes (2 x 2, hulls only; -1 otherwise, at 22 and 23 of `vertices`, see `branch`).
         vertices: (v, 3) hull vertices in the obstacle's frame.
         planes: (f, 4) hull planes there: outward unit normal and offset.

@@ -12,6 +12,7 @@ from workcell.errors import ModelError
 from workcell.geometry.types import Piece, PieceKind
 from workcell.model.collision_model import geom_name
 from workcell.model.loading.compiled import link_bodies
+from workcell.model.scene_parts import data_at
 from workcell.pose import Array, Pose
 
 if TYPE_CHECKING:
@@ -45,12 +46,7 @@ def pieces_of_bodies(
     Raises:
         ModelError: a geom of a kind that has no convex form here, or a mesh without volume; `where` names the geom.
     """
-    import mujoco
-
-    data = mujoco.MjData(model)
-    if qpos is not None:
-        data.qpos[:] = qpos
-    mujoco.mj_kinematics(model, data)
+    data = data_at(model, model.qpos0 if qpos is None else qpos)
     wanted, paired = set(body_ids), {*map(int, model.pair_geom1), *map(int, model.pair_geom2)}
     pieces: list[Piece] = []
     for geom in range(model.ngeom):

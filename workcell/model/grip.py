@@ -11,7 +11,7 @@ import numpy as np
 
 from workcell.errors import InputError, ModelError, UnknownNameError
 from workcell.model.scene import Scene
-from workcell.model.scene_parts import SceneRobot
+from workcell.model.scene_parts import SceneRobot, data_at
 from workcell.pose import Array, Pose
 
 if TYPE_CHECKING:
@@ -173,9 +173,7 @@ def hand_clearance(
     """
     import mujoco
 
-    model, data = scene.model, mujoco.MjData(scene.model)
-    data.qpos[:] = scene.initial_qpos()
-    mujoco.mj_kinematics(model, data)
+    model, data = scene.model, data_at(scene.model, scene.initial_qpos())
     moved = T_world_tool.matrix @ np.linalg.inv(robot.robot.fk(robot.start).matrix)
     hand = _solid_geoms(model, set(robot.link_body_ids[robot.robot.tool().link]))
     skipped = set(robot.body_ids).union(*(scene.object(name).body_ids for name in ignored))

@@ -24,7 +24,7 @@ from workcell.model.loading.build import (
 from workcell.model.loading.load import compile_spec, load_spec, quiet_mujoco
 from workcell.model.loading.placing import attach_object, variation
 from workcell.model.loading.taskfile import RobotEntry, TaskFile
-from workcell.model.scene_parts import Goal, SceneObject, SceneRobot, site_pose
+from workcell.model.scene_parts import Goal, SceneObject, SceneRobot, body_pose, site_pose
 from workcell.pose import Array, Pose, read_only
 
 if TYPE_CHECKING:
@@ -145,13 +145,8 @@ class Scene:
 
     def object_pose(self, name: str, qpos: Array | None = None) -> Pose:
         """World pose of an object's root body, initially or at raw positions (nq,); raises UnknownNameError."""
-        import mujoco
-
         body = self.object(name).body_id
-        data = mujoco.MjData(self.model)
-        data.qpos[:] = self.initial_qpos() if qpos is None else qpos
-        mujoco.mj_kinematics(self.model, data)
-        return Pose(data.xpos[body], data.xquat[body])
+        return body_pose(self.model, body, self.initial_qpos() if qpos is None else qpos)
 
     def site_pose(self, name: str, qpos: Array | None = None) -> Pose:
         """World pose of a site, initially or at raw positions (nq,); raises UnknownNameError."""

@@ -1,4 +1,4 @@
-"""What a scene is made of: its robots, objects and goals."""
+"""What a scene is made of: its robots, objects and goals; and where bodies and sites stand at raw positions."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import UnknownNameError
 from workcell.model.robot import Robot
@@ -70,6 +70,22 @@ class Goal:
     pose: Pose
 
 
+def data_at(model: mujoco.MjModel, qpos: ArrayLike) -> mujoco.MjData:
+    """Fresh data with bodies, geoms and sites where raw positions (nq,) have them; nothing else is computed."""
+    import mujoco
+
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(model, data)
+    return data
+
+
+def body_pose(model: mujoco.MjModel, body: int, qpos: ArrayLike) -> Pose:
+    """World pose of a body (id) at raw positions (nq,)."""
+    data = data_at(model, qpos)
+    return Pose(data.xpos[body], data.xquat[body])
+
+
 def site_pose(model: mujoco.MjModel, name: str, qpos: Array, where: str | Path) -> Pose:
     """World pose of a site at raw positions (nq,); raises UnknownNameError with the model's sites."""
     import mujoco
@@ -77,7 +93,5 @@ def site_pose(model: mujoco.MjModel, name: str, qpos: Array, where: str | Path) 
     site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
     if site < 0:
         raise UnknownNameError("site", name, [model.site(i).name for i in range(model.nsite)], where=where)
-    data = mujoco.MjData(model)
-    data.qpos[:] = qpos
-    mujoco.mj_kinematics(model, data)
+    data = data_at(model, qpos)
     return Pose.from_rotation(data.site_xpos[site], data.site_xmat[site].reshape(3, 3))

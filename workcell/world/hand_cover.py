@@ -14,8 +14,8 @@ from workcell.geometry.covers.outer import cover_of, merge_covers, robot_cover
 from workcell.geometry.pieces import move_piece, pieces_of_bodies
 from workcell.geometry.types import SphereCover
 from workcell.model.scene import Scene
-from workcell.model.scene_parts import SceneRobot
-from workcell.pose import Array, Pose
+from workcell.model.scene_parts import SceneRobot, body_pose
+from workcell.pose import Pose
 
 
 def cover_with_fingers(scene: Scene, robot: SceneRobot, overshoot: float) -> SphereCover:
@@ -39,12 +39,12 @@ def cover_with_fingers(scene: Scene, robot: SceneRobot, overshoot: float) -> Sph
     for bodies in groups:
         root = min(bodies)
         at_rest = pieces_of_bodies(scene.model, sorted(bodies), scene.model.qpos0)
-        T_root_world = _body_pose(scene, root, scene.model.qpos0).inverse()
+        T_root_world = body_pose(scene.model, root, scene.model.qpos0).inverse()
         cover = cover_of([move_piece(piece, T_root_world) for piece in at_rest], overshoot, link=tool)
         T_link_world = Pose.from_matrix(
             robot.robot.link_transforms(own[robot.qpos_addresses])[tool]
         ).inverse()
-        placed = (T_link_world @ _body_pose(scene, root, own)).apply(cover.centre)
+        placed = (T_link_world @ body_pose(scene.model, root, own)).apply(cover.centre)
         parts.append(replace(cover, centre=placed))
     return merge_covers(*parts)
 
@@ -66,12 +66,3 @@ def _finger_bodies(scene: Scene, robot: SceneRobot) -> list[frozenset[int]]:
             owner[body] = root
             groups.setdefault(root, set()).add(body)
     return [frozenset(group) for group in groups.values()]
-
-
-def _body_pose(scene: Scene, body: int, qpos: Array) -> Pose:
-    import mujoco
-
-    data = mujoco.MjData(scene.model)
-    data.qpos[:] = qpos
-    mujoco.mj_kinematics(scene.model, data)
-    return Pose(data.xpos[body], data.xquat[body])

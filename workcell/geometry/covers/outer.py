@@ -25,6 +25,7 @@ from workcell.geometry.covers.subdivision import cover_by_cells, expected_count
 from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.pieces import model_pieces, move_piece, pieces_of_bodies, robot_pieces
 from workcell.geometry.types import Piece, SphereCover
+from workcell.model.scene_parts import body_pose
 from workcell.pose import Array, Pose, read_only
 
 if TYPE_CHECKING:
@@ -173,7 +174,7 @@ def attached_cover(
     qpos = np.array(scene.model.qpos0)
     if held.qpos_address is not None:
         qpos[held.qpos_address : held.qpos_address + 7] = [0, 0, 0, 1, 0, 0, 0]
-    T_object_world = _body_pose(scene.model, held.body_id, qpos).inverse()
+    T_object_world = body_pose(scene.model, held.body_id, qpos).inverse()
     pieces = pieces_of_bodies(scene.model, sorted(held.body_ids), qpos)
     cover = cover_of([move_piece(piece, T_object_world) for piece in pieces], overshoot, link=tool.link)
     return replace(cover, centre=(tool.T_link_tool @ T_tool_object).apply(cover.centre))
@@ -279,12 +280,3 @@ def _cover_moving(links: Sequence[Sequence[Piece]], overshoot: float) -> SphereC
     return merge_covers(
         *(cover_of(pieces, overshoot, link=link) for link, pieces in enumerate(links) if link)
     )
-
-
-def _body_pose(model: mujoco.MjModel, body: int, qpos: Array) -> Pose:
-    import mujoco
-
-    data = mujoco.MjData(model)
-    data.qpos[:] = qpos
-    mujoco.mj_kinematics(model, data)
-    return Pose(data.xpos[body], data.xquat[body])

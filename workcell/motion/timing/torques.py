@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,12 +16,9 @@ from numpy.typing import ArrayLike
 from workcell.errors import InputError
 from workcell.model.robot import Robot
 from workcell.model.scene import Scene
-from workcell.model.scene_parts import SceneRobot
+from workcell.model.scene_parts import SceneRobot, data_at
 from workcell.motion.path import Trajectory
 from workcell.pose import Array, Pose
-
-if TYPE_CHECKING:
-    import mujoco
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +92,7 @@ class ChainDynamics:
         if attached is not None:
             tool = chain.tool()
             parts = body_inertias(scene, scene.object(attached[0]).body_ids)
-            frame = tool.T_link_tool @ attached[1] @ scene_object_pose(scene, attached[0]).inverse()
+            frame = tool.T_link_tool @ attached[1] @ scene.object_pose(attached[0]).inverse()
             inertias[tool.link] += [(share * mass, frame @ T, share * moments) for mass, T, moments in parts]
         base = chain.T_world_base
         parent, placement = 0, pin.SE3(base.rotation, base.position)
@@ -239,7 +236,7 @@ Inertia = tuple[float, Pose, Array]
 
 def body_inertias(scene: Scene, bodies: Iterable[int]) -> list[Inertia]:
     """Inertias of bodies, placed in the world as the scene begins; massless bodies are left out."""
-    model, data = scene.model, _initial_data(scene)
+    model, data = scene.model, data_at(scene.model, scene.initial_qpos())
     found = []
     for body in sorted(bodies):
         if model.body_mass[body] > 0:
@@ -256,18 +253,3 @@ def link_inertias(scene: Scene, robot: SceneRobot) -> list[list[Inertia]]:
         T_link_world = Pose.from_matrix(links[link]).inverse()
         placed.append([(mass, T_link_world @ T, m) for mass, T, m in body_inertias(scene, bodies)])
     return placed
-
-
-def scene_object_pose(scene: Scene, name: str) -> Pose:
-    """World pose of an object as the scene begins; raises UnknownNameError."""
-    data, body = _initial_data(scene), scene.object(name).body_id
-    return Pose(data.xpos[body], data.xquat[body])
-
-
-def _initial_data(scene: Scene) -> mujoco.MjData:
-    import mujoco
-
-    data = mujoco.MjData(scene.model)
-    data.qpos[:] = scene.initial_qpos()
-    mujoco.mj_kinematics(scene.model, data)
-    return data

@@ -1,0 +1,47 @@
+"""Where bodies and sites of a compiled model stand, against what MuJoCo computes while it steps."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from workcell.errors import UnknownNameError
+from workcell.model.scene import Scene
+from workcell.model.scene_parts import body_pose, data_at, site_pose
+from workcell.pose import Pose
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return Scene.load("shelf_grasp")
+
+
+def test_bodies_sites_and_geoms_stand_where_the_positions_have_them(scene):
+    model, arm = scene.model, scene.robot()
+    for q in arm.robot.random_configuration(np.random.default_rng(0), 3):
+        stepped = mujoco.MjData(model)
+        stepped.qpos[:] = scene.initial_qpos()
+        stepped.qpos[arm.qpos_addresses] = q
+        mujoco.mj_forward(model, stepped)
+        data = data_at(model, stepped.qpos)
+        for part in ("qpos", "xpos", "xquat", "geom_xpos", "geom_xmat", "site_xpos", "xipos"):
+            assert np.array_equal(getattr(data, part), getattr(stepped, part))
+        hand = arm.link_body_ids[-1][0]
+        assert (
+            max(body_pose(model, hand, stepped.qpos).error_to(Pose(stepped.xpos[hand], stepped.xquat[hand])))
+            == 0
+        )
+        tool = site_pose(model, "sawyer/gripper/tool", stepped.qpos, "here")
+        assert max(tool.error_to(arm.robot.fk(q))) < 1e-9
+
+
+def test_each_call_has_data_of_its_own(scene):
+    one, qpos = data_at(scene.model, scene.initial_qpos()), np.array(scene.initial_qpos())
+    before = one.xpos.copy()
+    qpos[scene.robot().qpos_addresses] += 0.1
+    other = data_at(scene.model, qpos)
+    assert np.array_equal(one.xpos, before) and not np.array_equal(other.xpos, before)
+
+
+def test_a_site_that_is_not_there_is_named(scene):
+    with pytest.raises(UnknownNameError, match="here.*handle"):
+        site_pose(scene.model, "handle", scene.initial_qpos(), "here")

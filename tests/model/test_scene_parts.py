@@ -43,5 +43,5 @@ def test_each_call_has_data_of_its_own(scene):
 
 
 def test_a_site_that_is_not_there_is_named(scene):
-    with pytest.raises(UnknownNameError, match="here.*handle"):
+    with pytest.raises(UnknownNameError, match=r"here.*handle"):
         site_pose(scene.model, "handle", scene.initial_qpos(), "here")

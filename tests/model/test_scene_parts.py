@@ -6,7 +6,7 @@ import pytest
 
 from workcell.errors import UnknownNameError
 from workcell.model.scene import Scene
-from workcell.model.scene_parts import body_pose, data_at, site_pose
+from workcell.model.scene_parts import SceneObject, body_pose, data_at, place_holding, site_pose
 from workcell.pose import Pose
 
 
@@ -40,6 +40,29 @@ def test_each_call_has_data_of_its_own(scene):
     qpos[scene.robot().qpos_addresses] += 0.1
     other = data_at(scene.model, qpos)
     assert np.array_equal(one.xpos, before) and not np.array_equal(other.xpos, before)
+
+
+def test_what_the_hand_holds_goes_where_the_tool_goes(scene):
+    arm, mug, grip = (
+        scene.robot(),
+        scene.object("mug"),
+        Pose([0.01, 0.02, 0.03], [0.9, 0.0, np.sqrt(0.19), 0.0]),
+    )
+    q, qpos = arm.robot.random_configuration(np.random.default_rng(1)), np.array(scene.initial_qpos())
+    place_holding(qpos, arm, q, mug, grip)
+    assert np.array_equal(qpos[arm.qpos_addresses], q)
+    tool = site_pose(scene.model, "sawyer/gripper/tool", qpos, "here")
+    assert max(scene.object_pose("mug", qpos).error_to(tool @ grip)) < 1e-9
+    others = np.delete(
+        qpos - scene.initial_qpos(), [*arm.qpos_addresses, *range(mug.qpos_address, mug.qpos_address + 7)]
+    )
+    assert not others.any()
+
+
+def test_a_fixed_object_stays_where_it_is(scene):
+    qpos = np.array(scene.initial_qpos())
+    SceneObject("shelf", 1, frozenset({1}), None).place(qpos, Pose.from_xyz([1.0, 2.0, 3.0]))
+    assert np.array_equal(qpos, scene.initial_qpos())
 
 
 def test_a_site_that_is_not_there_is_named(scene):

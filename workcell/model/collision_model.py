@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError
 from workcell.model.scene import Scene
-from workcell.model.scene_parts import SceneObject, SceneRobot
+from workcell.model.scene_parts import SceneObject, SceneRobot, place_holding
 from workcell.pose import Array, Pose
 
 _FILTER_PARENT = 1 << 10
@@ -123,13 +123,11 @@ class CollisionModel:
 
     def full_qpos(self, q: ArrayLike) -> Array:
         """Raw positions (nq,) of the whole scene with the robot at `q` (n,), the carried object with it."""
-        qpos = np.array(self._qpos)
-        qpos[self.robot.qpos_addresses] = np.asarray(q, dtype=float)
-        if self._attached is not None and self._attached.qpos_address is not None:
-            T_world_object = self.robot.robot.fk(np.asarray(q, dtype=float)) @ self._T_tool_object
-            at = self._attached.qpos_address
-            qpos[at : at + 3] = T_world_object.position
-            qpos[at + 3 : at + 7] = T_world_object.quat_wxyz
+        qpos, here = np.array(self._qpos), np.asarray(q, dtype=float)
+        if self._attached is None:
+            qpos[self.robot.qpos_addresses] = here
+        else:
+            place_holding(qpos, self.robot, here, self._attached, self._T_tool_object)
         return qpos
 
     def site_pose(self, site: str, q: ArrayLike) -> Pose:

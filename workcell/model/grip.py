@@ -11,7 +11,7 @@ import numpy as np
 
 from workcell.errors import InputError, ModelError, UnknownNameError
 from workcell.model.scene import Scene
-from workcell.model.scene_parts import SceneRobot, data_at
+from workcell.model.scene_parts import SceneRobot, data_at, place_holding
 from workcell.pose import Array, Pose
 
 if TYPE_CHECKING:
@@ -57,16 +57,12 @@ def fingers_holding(scene: Scene, robot: SceneRobot, thing: str, T_tool_object: 
         thing: the object's name.
         T_tool_object: how it stands in the tool's frame.
     """
-    held, stands = scene.object(thing), scene.object(thing).qpos_address
-    hand = _hand_joints(scene, robot)
-    if not hand or stands is None:
+    held, hand = scene.object(thing), _hand_joints(scene, robot)
+    if not hand or held.qpos_address is None:
         return robot.fingers
     model = scene.model
     qpos = np.array(scene.initial_qpos())
-    T_world_object = robot.robot.fk(robot.start) @ T_tool_object
-    qpos[robot.qpos_addresses] = robot.start
-    qpos[stands : stands + 3] = T_world_object.position
-    qpos[stands + 3 : stands + 7] = T_world_object.quat_wxyz
+    place_holding(qpos, robot, robot.start, held, T_tool_object)
     fingers = _solid_geoms(model, {int(model.jnt_bodyid[joint]) for joint in hand})
     others = _solid_geoms(model, held.body_ids)
 

@@ -114,10 +114,10 @@ class Scene:
 
         model = copy.copy(self.model)
         for name, pose in objects.items():
-            at = self.object(name).qpos_address
-            if at is None:
+            thing = self.object(name)
+            if thing.qpos_address is None:
                 raise InputError(f"the object {name!r} is fixed", where="objects", remedy="move a free one")
-            model.qpos0[at : at + 3], model.qpos0[at + 3 : at + 7] = pose.position, pose.quat_wxyz
+            thing.place(model.qpos0, pose)
         return replace(self, model=model)
 
     def with_start(self, robot: str, q: Array) -> Scene:

@@ -60,6 +60,12 @@ class SceneObject:
     body_ids: frozenset[int]
     qpos_address: int | None
 
+    def place(self, qpos: Array, pose: Pose) -> None:
+        """Write the world pose of its root body into raw positions (nq,); a fixed one stays where it is."""
+        at = self.qpos_address
+        if at is not None:
+            qpos[at : at + 3], qpos[at + 3 : at + 7] = pose.position, pose.quat_wxyz
+
 
 @dataclass(frozen=True, slots=True)
 class Goal:
@@ -68,6 +74,20 @@ class Goal:
     name: str
     robot: str
     pose: Pose
+
+
+def place_holding(qpos: Array, robot: SceneRobot, q: Array, held: SceneObject, T_tool_object: Pose) -> None:
+    """Write a robot's configuration (n,) into raw positions (nq,), and where the object in its hand is then.
+
+    Args:
+        qpos: (nq,) raw positions, changed.
+        robot: whose hand.
+        q: (n,) its configuration.
+        held: the object.
+        T_tool_object: how it stands in the tool's frame.
+    """
+    qpos[robot.qpos_addresses] = q
+    held.place(qpos, robot.robot.fk(q) @ T_tool_object)
 
 
 def data_at(model: mujoco.MjModel, qpos: ArrayLike) -> mujoco.MjData:

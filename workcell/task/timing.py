@@ -106,7 +106,7 @@ class Timing:
             )
         parts = team.split(trajectory)
         for part in parts:
-            held = (team.thing, team.grasps[part.robot_name].inverse())
+            held = team.worlds[part.robot_name].attached
             self._check_torques(dynamics.chains[part.robot_name], part, held, what)
         self.story.say(
             f"{what}: {trajectory.duration:.2f} s for {len(parts)} arms together, proved {1e3 * TRACKING_ROOM:.0f} mm clear or "

@@ -172,8 +172,7 @@ def attached_cover(
     held, tool = scene.object(object_name), robot.robot.tool()
     # covered where its own frame is the world's: the same numbers, and the same cover, wherever it stands
     qpos = np.array(scene.model.qpos0)
-    if held.qpos_address is not None:
-        qpos[held.qpos_address : held.qpos_address + 7] = [0, 0, 0, 1, 0, 0, 0]
+    held.place(qpos, Pose.identity())
     T_object_world = body_pose(scene.model, held.body_id, qpos).inverse()
     pieces = pieces_of_bodies(scene.model, sorted(held.body_ids), qpos)
     cover = cover_of([move_piece(piece, T_object_world) for piece in pieces], overshoot, link=tool.link)

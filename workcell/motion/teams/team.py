@@ -90,7 +90,7 @@ class Team:
         others = {name: [other for other in grasps if other != name] for name in grasps}
         solo = {name: replace(world.without(others[name]), scene=scene) for name, world in worlds.items()}
         joined = joined_robot([scene.robot(name) for name in grasps])
-        return Team(scene, thing, dict(grasps), solo, joined, _models(scene, thing, grasps, ()))
+        return Team(scene, thing, dict(grasps), solo, joined, _models(solo, thing, ()))
 
     def touching(self, supports: Iterable[str]) -> Team:
         """The same team while the object may touch some geoms: those that it stands on, or is put down on.
@@ -101,7 +101,7 @@ class Team:
         below = tuple(supports)
         others = {name: [other for other in self.grasps if other != name] for name in self.grasps}
         worlds = {name: w.standing_on(below).without(others[name]) for name, w in self.worlds.items()}
-        return replace(self, worlds=worlds, _models=_models(self.scene, self.thing, self.grasps, below))
+        return replace(self, worlds=worlds, _models=_models(worlds, self.thing, below))
 
     def at(self, q: Array) -> dict[str, Array]:
         """Each robot's part (n,) of a configuration of the team."""
@@ -275,17 +275,17 @@ def prove_team_motion(team: Team, trajectory: Trajectory, *, floor: float = 0.0,
 
 
 def _models(
-    scene: Scene, thing: str, grasps: Mapping[str, Pose], supports: Iterable[str]
+    worlds: Mapping[str, PlanningWorld], thing: str, supports: Iterable[str]
 ) -> tuple[CollisionModel, ...]:
     """For each arm, the distances that count: not those of the hands, and of what the object stands on, to the object."""
-    hands = [
-        b for name in grasps for b in scene.robot(name).link_body_ids[scene.robot(name).robot.tool().link]
-    ]
+    scene = next(iter(worlds.values())).scene
+    robots = [scene.robot(name) for name in worlds]
+    hands = [body for robot in robots for body in robot.link_body_ids[robot.robot.tool().link]]
     below = [scene.model.geom(name).id for name in supports]
     allowed = list(product(_geoms(scene, scene.object(thing).body_ids), _geoms(scene, hands) + below))
     return tuple(
-        CollisionModel(scene, name, attached=(thing, grasp.inverse()), allowed_geoms=allowed)
-        for name, grasp in grasps.items()
+        CollisionModel(scene, name, attached=world.attached, allowed_geoms=allowed)
+        for name, world in worlds.items()
     )
 
 

@@ -30,8 +30,8 @@ class TeamDynamics:
         """The arms of a team, with the object in their hands."""
         share = 1.0 / len(team.grasps)
         chains = {
-            name: ChainDynamics(team.scene, name, (team.thing, grasp.inverse()), share)
-            for name, grasp in team.grasps.items()
+            name: ChainDynamics(team.scene, name, world.attached, share)
+            for name, world in team.worlds.items()
         }
         return TeamDynamics(team.robot, chains)
 

@@ -121,9 +121,10 @@ _HASHES, _ROBOTS, _COVERS = ByIdentity(), ByIdentity(), ByIdentity()
 
 
 def problem_hash(problem: IKProblem) -> str:
-    """SHA-256 (hex) of everything a certificate depends on: chain, limits, target, obstacles, cover, bounds, tolerances.
+    """SHA-256 (hex) of everything that a certificate depends on.
 
-    Names and the collision checker are left out: no proof uses them.
+    That is chain, limits, target, obstacles, cover, bounds and tolerances. Names and the collision checker
+    are left out: no proof uses them.
     """
     if not isinstance(problem.obstacles, tuple):
         return _digest(problem)  # a list may change between two calls

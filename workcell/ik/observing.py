@@ -16,7 +16,7 @@ _observer: ContextVar[Observer | None] = ContextVar("workcell_ik_observer", defa
 
 @contextmanager
 def observed(observer: Observer) -> Iterator[None]:
-    """Calls `observer(problem, result)` for every query of this thread that is answered meanwhile; the innermost counts."""
+    """Calls `observer(problem, result)` for every query that this thread answers meanwhile; the innermost counts."""
     token = _observer.set(observer)
     try:
         yield

@@ -15,7 +15,8 @@ from workcell.model.robot import Robot
 from workcell.pose import Array, Pose, read_only
 
 Goal = Literal["pose", "position", "axis"]
-"""What of the target counts: the whole pose; the tool's position alone; its position and the direction of its z axis."""
+"""What of the target counts: the whole pose; the tool's position alone; its position and the direction of its z
+axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +41,8 @@ class Budget:
     Attributes:
         cpu_s: seconds of the process's CPU time, or fewer.
         threads: branch and bound makes use of several; the other solvers work on one.
-        iterations: random starts that a sampling solver may make in a turn; None: as many as there is time for. With it, and
-            time enough, what sampling finds is the same on every machine.
+        iterations: random starts that a sampling solver may make in a turn; None: as many as there is time for. With
+            it, and time enough, what sampling finds is the same on every machine.
     """
 
     cpu_s: float = 5.0
@@ -99,10 +100,11 @@ class IKProblem:
         tolerances: what counts as reached.
         goal: what of the target counts, see `Goal`; the rotation's tolerance bounds the tilt of the z axis for `axis`.
         self_collision: (p, 2) pairs of the cover's spheres that must keep clear of each other; None: none.
-        inner: turns this question into one about a model inside the geometry that `checker` knows (a cover of kind `inner`
-            among obstacles that collide with all of it), for proofs that hold of that geometry; None: there is none.
-        without: turns this question into one with some obstacles (by name) out of the way, for `checker` too; None: it is
-            enough to leave out their pieces.
+        inner: turns this question into one about a model inside the geometry that `checker` knows (a cover of kind
+            `inner` among obstacles that collide with all of it), for proofs that hold of that geometry; None: there
+            is none.
+        without: turns this question into one with some obstacles (by name) out of the way, for `checker` too; None:
+            it is enough to leave out their pieces.
     """
 
     robot: Robot

@@ -1,4 +1,7 @@
-"""`Status`, `IKResult` and what solvers hand to `verify`: only `verify` awards `SOLVED`, only a re-checked certificate a "no"."""
+"""`Status`, `IKResult` and what solvers hand to `verify`.
+
+Only `verify` awards `SOLVED`, only a re-checked certificate a "no".
+"""
 
 from __future__ import annotations
 
@@ -47,7 +50,8 @@ _SENTENCES = {
     Status.SOLVED: "A configuration that reaches the target clear of obstacles was found and independently verified.",
     Status.UNREACHABLE: "Kinematics alone forbids the target: no configuration within the joint limits reaches it. "
     "Move the target or the robot's base, or widen the joint limits.",
-    Status.BLOCKED: "Obstacles forbid the target: every configuration that reaches it collides. Move the target or an obstacle.",
+    Status.BLOCKED: "Obstacles forbid the target: every configuration that reaches it collides. "
+    "Move the target or an obstacle.",
     Status.BLOCKED_IN_MODEL: "No configuration exists in the conservative model (outer spheres, inner free space); "
     "the real geometry may still allow one. Use a finer sphere cover or more free-space cuboids.",
     Status.NOT_FOUND: "The budget was spent without a solution and without a proof that there is none. "
@@ -67,8 +71,8 @@ class Candidate:
         rejected: why near misses failed, in words.
         error: a numerical failure, in words, or None.
         stages: what was done, in order, with the time of each step; empty where the solver has but one.
-        cuboids: (m,) by sphere of the cover, the free-space cuboid that the solver had it in at `q` (-1: in none); None: no
-            cuboids were used.
+        cuboids: (m,) by sphere of the cover, the free-space cuboid that the solver had it in at `q` (-1: in none);
+            None: no cuboids were used.
     """
 
     q: Array | None = None

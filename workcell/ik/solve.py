@@ -1,4 +1,4 @@
-"""The one entry to inverse kinematics: `solve`. Solvers propose; the judge and the re-checked certificate decide."""
+"""The one entry to inverse kinematics, `solve`: solvers propose, the judge and re-checked certificates decide."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def solve(problem: IKProblem, solver: str = AUTO, budget: Budget | None = None, 
         `check_certificate` accepted, otherwise `NOT_FOUND` or `SOLVER_ERROR`.
 
     Raises:
-        UnknownNameError: no such solver. InputError: a seed that is no whole number >= 0, or a problem of a kind that the
-            named solver doesn't take (`auto` passes such a solver over).
+        UnknownNameError: no such solver. InputError: a seed that is no whole number >= 0, or a problem of a kind that
+            the named solver doesn't take (`auto` passes such a solver over).
     """
     check_solver_name(solver)
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:

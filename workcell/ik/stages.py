@@ -1,4 +1,4 @@
-"""What a solver did, stage by stage, with the CPU time of each; and how to be told of every query that is answered."""
+"""What a solver did, stage by stage, with the CPU time of each."""
 
 from __future__ import annotations
 
@@ -6,10 +6,6 @@ import time
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    pass
 
 KEPT = 100
 """Stages of one query, from its beginning and from its end, that are kept one by one; those between are added up."""
@@ -82,7 +78,10 @@ class StageLog:
         self.add("rank reduction" if step else "relaxation", gap=NO_GAP if gap is None else gap, note=note)
 
     def extend(self, stages: tuple[SolverStage, ...], solver: str, cpu_s: float) -> None:
-        """Stages that a solver has timed itself, and before them what it took besides of `cpu_s`; the clock goes on from now."""
+        """Stages that a solver has timed itself, and before them what it took besides of `cpu_s`.
+
+        The clock goes on from now.
+        """
         besides = cpu_s - sum(stage.cpu_s for stage in stages)
         if besides > _WORTH_TELLING:
             self._append(SolverStage("set-up", besides, solver=solver))

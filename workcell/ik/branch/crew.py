@@ -1,4 +1,4 @@
-"""The search's workers: each works depth first on a tree of its own and hands boxes to workers that have none left.
+"""The search's workers: each works depth first on a tree of its own and hands boxes to those without any.
 
 A tree in pre-order with boxes left on its stack goes on with the subtree of the topmost box, then of the one below, and
 so on. So a box taken from the bottom is a tree of its own whose nodes follow all that its owner still writes.
@@ -24,7 +24,10 @@ _CHUNK = 64
 
 
 class Worker:
-    """One tree: what has been written, the boxes left, and the trees of those that were given away, the last given first."""
+    """One tree: what has been written, the boxes left, and the trees of those that were given away.
+
+    The last that was given away comes first.
+    """
 
     def __init__(self, arrays: Arrays, box: Array) -> None:
         from workcell.ik.branch.kernels import search
@@ -88,7 +91,7 @@ class Crew:
         self._over = False
 
     def run(self, deadline: float, threads: int = 1) -> None:
-        """Work until a configuration is accepted, no box is left, memory ends, or `deadline` (CPU time of the process)."""
+        """Work until a configuration is accepted, no box is left, memory ends, or `deadline` (process CPU time)."""
         if self._over:
             return
         if threads <= 1:

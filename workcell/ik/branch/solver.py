@@ -60,15 +60,15 @@ def prepare(problem: IKProblem) -> None:
 
 
 def solve_branch(problem: IKProblem, budget: Budget, seed: int = 0) -> Candidate:
-    """Decide `problem`: a configuration, or a certificate of kind `branch` that none exists, or neither in the budget.
+    """Decide `problem` in the budget: a configuration, a certificate of kind `branch` that none exists, or neither.
 
     "None" means none with a clearance of c + `OVERLAP`, c the wanted one, where a configuration need only keep c.
-    The search is deterministic on one thread; on several, the boxes it decides are the same but their order is not. `seed`
-    is taken for the signature all solvers share.
+    The search is deterministic on one thread; on several, the boxes it decides are the same but their order is not.
+    `seed` is taken for the signature all solvers share.
 
     Raises:
-        InputError: a piece is of a kind that has no exclusion test, a bound on the rotation of links is asked for, or the
-            limits leave nothing.
+        InputError: a piece is of a kind that has no exclusion test, a bound on the rotation of links is asked for, or
+            the limits leave nothing.
     """
     del seed
     return BranchSearch(problem).run(time.process_time() + budget.cpu_s, budget.threads)

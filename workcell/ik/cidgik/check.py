@@ -1,4 +1,4 @@
-"""CIDGIK's proofs as certificates of an `IKProblem`, issued and checked by the same arithmetic, without a solver."""
+"""CIDGIK's proofs as certificates of an `IKProblem`, issued and checked by one arithmetic, without a solver."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def _issued(problem: IKProblem, proof: Proof, covered: Array, found: float) -> C
     if len(proof.keys):
         count = len(np.unique(proof.keys[:, 2]))
         statement = (
-            f"No configuration within the joint limits brings the tool within {tolerances} of the target with all spheres "
-            f"clear of {count} of the obstacles, {1e3 * covered[2]:g} mm of penetration allowed."
+            f"No configuration within the joint limits brings the tool within {tolerances} of the target with all "
+            f"spheres clear of {count} of the obstacles, {1e3 * covered[2]:g} mm of penetration allowed."
         )
     else:
         statement = (

@@ -1,4 +1,4 @@
-"""CIDGIK on long chains: small overlapping blocks instead of one large Z (the distance graph of a tree is chordal).
+"""CIDGIK on long chains: small overlapping blocks instead of one large Z (a tree's distance graph is chordal).
 
 Each pair of neighbouring links has a block [X I]^T [X I] of its own, reduced like the whole (`Instance`); blocks that
 share a link agree on the inner products of its vectors. By completion of chordal patterns nothing is lost: every

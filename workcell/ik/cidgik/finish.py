@@ -35,7 +35,7 @@ class QueryFinisher:
 
 
 def polish_query(query: Query, q: Array, *, steps: int, damping: float) -> tuple[Array, float]:
-    """Damped Gauss-Newton from angles (n,) onto all goals, within the limits; and by how much a joint moved, radians."""
+    """Damped Gauss-Newton from angles (n,) onto all goals, within the limits; by how much a joint moved, radians."""
     robot = query.robot
     start = nearest_turn(q, 0.5 * (robot.lower + robot.upper))
     now = np.clip(start, robot.lower, robot.upper)

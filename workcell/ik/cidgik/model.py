@@ -63,8 +63,10 @@ def structure_key(
     interval: Interval | None,
     dimension: int = 3,
 ) -> StructureKey:
-    """What names the structure of a robot with these kinds of goals, points and joint intervals (None: they change from
-    query to query)."""
+    """What names the structure of a robot with these kinds of goals, points and joint intervals.
+
+    Without intervals (None) they change from query to query.
+    """
     arrays: list[NDArray[Any]] = [robot.parents, robot.joint_xyz, robot.joint_rotation, robot.axis]
     arrays += [robot.prismatic, *points]
     for goal in goals:
@@ -108,8 +110,10 @@ def _problem_key(problem: IKProblem) -> StructureKey:
 
 
 def relaxation_at(problem: IKProblem) -> tuple[Instance, Keeper | None]:
-    """The relaxation of a problem in one block, and the workspace over it: the cover's spheres against the obstacles,
-    spheres as such, other solids by planes (None without either).
+    """The relaxation of a problem in one block, and the workspace over it.
+
+    The workspace holds the cover's spheres against the obstacles, spheres as such, other solids by planes; it
+    is None without a cover or obstacles.
 
     Raises:
         InputError: a robot that points and distances can't describe.

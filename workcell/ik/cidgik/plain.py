@@ -1,11 +1,12 @@
-"""CIDGIK's relaxation written plainly in cvxpy, as the paper has it: to read, to test the fast path against, to extend.
+"""CIDGIK's relaxation plainly in cvxpy, as the paper has it: to read, to test the fast path against, to extend.
 
     problem, model = relaxation(query)
     low = model.squared_distance(model.point(3, np.zeros(3)), obstacle) >= 0.3**2
     cvxpy.Problem(cvxpy.Minimize(cvxpy.trace(model.Z)), problem.constraints + [low]).solve(solver="CLARABEL")
 
-Every link's points are variables of their own, tied by all their mutual distances (Eq. 4): no reduction, (2 n + d)-sized
-or larger Z. cvxpy takes seconds to import, and a solve a hundred times longer than `workcell.ik.cidgik.solver`.
+Every link's points are variables of their own, tied by all their mutual distances (Eq. 4): no reduction, (2 n +
+d)-sized or larger Z. cvxpy takes seconds to import, and a solve a hundred times longer than
+`workcell.ik.cidgik.solver`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""CIDGIK asked directly: trees, several goals, positions and directions, planar arms, and every rule of a workspace.
+"""CIDGIK asked directly: trees, several goals, positions, directions, planar arms, every rule of a workspace.
 
     arm = load_robot("ur10")
     goal = Goal.pointing("tool", [0.6, 0.2, 0.5], [0.0, 0.0, -1.0])

@@ -15,7 +15,7 @@ _tables = ByIdentity()
 
 
 def joint_angles(skeleton: Skeleton, directions: Mapping[int, Array]) -> Array:
-    """(n,) angles in (-pi, pi] of the configuration whose links have these basis directions (s, d), seen from the base.
+    """(n,) angles in (-pi, pi] of the configuration whose links have basis directions (s, d), seen from the base.
 
     Joint by joint, with the link before known, the angle about the axis z that best takes the link's directions b0 at
     angle zero to the found ones b: atan2(sum z . (b0 x b), sum of products across the axis). A posed link's directions

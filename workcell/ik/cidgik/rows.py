@@ -1,7 +1,8 @@
-"""CIDGIK's constraints on Z = [X I]^T [X I], as symmetric matrices: what every configuration that reaches the goals keeps.
+"""CIDGIK's constraints on Z = [X I]^T [X I], as symmetric matrices.
 
-A product of two vectors a . b, each a combination of the columns of [X I], is `<sym(a b^T), Z>`: linear in Z. All rows
-are such sums of products (Eq. 4 to 7 of the paper, in inner products instead of squared distances).
+They are what every configuration that reaches the goals keeps. A product of two vectors a . b, each a
+combination of the columns of [X I], is `<sym(a b^T), Z>`: linear in Z. All rows are such sums of products
+(Eq. 4 to 7 of the paper, in inner products instead of squared distances).
 """
 
 from __future__ import annotations
@@ -221,7 +222,7 @@ class FrameRows:
         return rows
 
     def quaternions(self, G: Array) -> tuple[Array, Array]:
-        """(f, 10, k) triangles and (10,) constants: constants + inner products are the triangle of Q, for each frame."""
+        """(f, 10, k) triangles and (10,) constants, for each frame: constants + inner products are Q's triangle."""
         k = len(triangle(self.turned[0].alpha.shape[1] + self.dimension)[0])
         blocks = np.zeros((len(self.free), 10, k))
         constant = np.zeros(10)

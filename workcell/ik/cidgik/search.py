@@ -1,4 +1,4 @@
-"""CIDGIK's search: convex iteration restarted from random objectives, workspace rows added where they are broken."""
+"""CIDGIK's search: convex iteration restarted from random objectives, workspace rows added where broken."""
 
 from __future__ import annotations
 
@@ -237,7 +237,10 @@ def prove_empty(instance: Instance, keeper: Keeper | None, over: Callable[[], bo
 
 
 def empty_with_all(instance: Relaxed, keeper: Kept | None, over: Callable[[], bool]) -> Array | None:
-    """Add the rows on spheres that points of the relaxation break, until it is empty (its ray) or keeps them all (None)."""
+    """Add the rows on spheres that points of the relaxation break, until it is empty or keeps them all.
+
+    Returns its ray where it is empty, None where it keeps them.
+    """
     C = instance.nuclear()
     while not over():
         solution = instance.solve(C)

@@ -1,4 +1,4 @@
-"""CIDGIK's relaxation, the part that all queries of one robot share: vectors, rows, which are needed, which are not."""
+"""CIDGIK's relaxation, the part that all queries of one robot share: vectors, rows, and which are needed."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Dropped:
 
 
 class Structure:
-    """What all queries of a robot with the same kinds of goals, points and limits share; of some `links` alone, or of all.
+    """What all queries of a robot with the same kinds of goals, points and limits share; of some `links`, or of all.
 
     Attributes:
         skeleton, reduction, rigid, limits, frames: vectors and rows.

@@ -1,4 +1,4 @@
-"""The posture of a serial arm: on which side of its shoulder, elbow and wrist singularities a configuration lies.
+"""The posture of a serial arm: on which side of shoulder, elbow and wrist singularities a configuration lies.
 
 Two configurations of different posture can't be joined without passing such a singularity, so a set of solutions
 that covers several postures is diverse where it matters: some of them go around what blocks the others.

@@ -40,8 +40,9 @@ def solutions(
         seed: same problem, count and seed, same solutions, as far as the budget reaches.
 
     Returns:
-        `SOLVED` results, each accepted by `verify`, the first the one found first; none where none was found (`solve` says
-        why). `stats` has the signs of the posture and the distance in joint space to the nearest other one.
+        `SOLVED` results, each accepted by `verify`, the first the one found first; none where none was found
+        (`solve` says why). `stats` has the signs of the posture and the distance in joint space to the nearest other
+        one.
 
     Raises:
         InputError: a count below 1.
@@ -60,7 +61,7 @@ def solutions(
 
 
 def _judged(problem: IKProblem, judge: Verifier, pool: list[Array], count: int) -> tuple[IKResult, ...]:
-    """Results of those that are chosen from a pool of configurations (n,); where the judge refuses some, without them."""
+    """Results of those chosen from a pool of configurations (n,); without those that the judge refuses."""
     prismatic, collected = problem.robot.prismatic, len(pool)
     while pool:
         rows, postures = np.stack(pool), [posture(problem.robot, q) for q in pool]

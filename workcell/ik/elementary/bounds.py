@@ -1,4 +1,4 @@
-"""Proofs that need no solver: the triangle inequality along the chain, and spheres whose place the target alone decides.
+"""Proofs without a solver: the triangle inequality along the chain, and spheres placed by the target alone.
 
 Every bound is computed from the problem again when a certificate is checked; its data only name the tolerances
 that it covers and the hint (points on the joint axes) that makes the bound tight.
@@ -22,7 +22,8 @@ from workcell.model.robot import Robot
 from workcell.pose import Array
 
 WIDE = np.array([1e-3, 1e-2, 1e-3])
-"""Position, rotation and clearance tolerances that a proof covers where its margin allows, wider than those asked for."""
+"""Position, rotation and clearance tolerances that a proof covers where its margin allows, wider than those asked
+for."""
 
 ROUNDING = 1e-9
 """Metres kept back for rounding in the bounds."""
@@ -84,7 +85,8 @@ class JointAxes:
     Attributes:
         offset: (n - 1, 3) joint origins 2 ... n in the link before.
         slope: (3 n - 3, n) what the slides add to the vectors from each point to the next, in the link between them.
-        squares, loads: (n - 1, n n) and (n - 1, n) those vectors' squared lengths: their Hessians, half their gradients.
+        squares, loads: (n - 1, n n) and (n - 1, n) those vectors' squared lengths: their Hessians, half their
+            gradients.
         first, in_tool: (2, 3) origin and direction of the first axis in the world, of the last one in the tool frame.
         travel: metres that prismatic joints add.
         plain: metres of the chain with the points at the joint origins.
@@ -162,7 +164,7 @@ class ReachBound:
         return between
 
     def margin(self, covered: Array, slides: Array) -> float:
-        """Metres by which the target lies beyond the chain's reach, or nearer than its shortest extent; else negative."""
+        """Metres by which the target is beyond the chain's reach, or nearer than its shortest extent; else negative."""
         lengths = self.lengths(slides).tolist()
         in_tool = self.axes.in_tool
         lever = math.hypot(*(in_tool[0] + slides[-1] * in_tool[1]).tolist())
@@ -238,8 +240,10 @@ def _prove_last_link(problem: IKProblem) -> Certificate | None:
 
 @dataclass(frozen=True, slots=True)
 class PlacedSpheres:
-    """Spheres whose place follows from the target: indices (s,), points in the tool frame (s, 3), how far the centres
-    stray from them (s,), the points' distances to the tool point (s,), and the radii (s,).
+    """Spheres whose place follows from the target, up to how far they stray.
+
+    Indices (s,), points in the tool frame (s, 3), how far the centres stray from them (s,), the points'
+    distances to the tool point (s,), and the radii (s,).
 
     The tool's link has its place. A sphere of the link before it circles the last axis: it strays from its foot on that
     axis by its distance to it.
@@ -277,7 +281,7 @@ _axes, _placed = ByIdentity(), ByIdentity()
 
 @dataclass(frozen=True, slots=True)
 class _Depth:
-    """Spheres that the target alone places, their gaps (s, k) to the obstacles there, and the clearance that is wanted."""
+    """Spheres that the target alone places, their gaps (s, k) to the obstacles there, and the clearance wanted."""
 
     placed: PlacedSpheres
     gap: Array

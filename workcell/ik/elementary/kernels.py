@@ -1,4 +1,4 @@
-"""Quick looks at a target before anything is searched: how far beyond reach it can be, and how deep it puts the hand."""
+"""Quick looks at a target before a search: how far beyond reach it can be, and how deep it puts the hand."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def stretch_chain(
 
     Too far for points on the joint axes that are chosen to make `distance - sum of lengths` large. The lengths are
     majorised by quadratics (Weiszfeld), the distance by its tangent, which never lowers it. The gains shrink from step
-    to step, all but a few: where twice the last gain in every step to come would prove nothing, the rest is spared. pose
-    (7,) is position and quaternion wxyz; for offset (n - 1, 3), slope (3 n - 3, n), first and in_tool (2, 3) see
+    to step, all but a few: where twice the last gain in every step to come would prove nothing, the rest is spared.
+    pose (7,) is position and quaternion wxyz; for offset (n - 1, 3), slope (3 n - 3, n), first and in_tool (2, 3) see
     `workcell.ik.elementary.bounds`.
     """
     n = slope.shape[1]

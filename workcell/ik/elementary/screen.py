@@ -1,4 +1,4 @@
-"""A quick look, in compiled code, at whether an elementary proof of impossibility may exist: most targets have none."""
+"""A quick, compiled look at whether an elementary proof of impossibility may exist: most targets have none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pose nearest to a target that the robot does reach, clear of everything: what can be offered where a query ends in "no"."""
+"""The clear pose nearest to a target that the robot does reach: what can be offered where a query ends in "no"."""
 
 from __future__ import annotations
 
@@ -62,10 +62,11 @@ class ClosestPose:
 def closest_pose(
     problem: IKProblem, budget: Budget | None = None, seed: int = 0, near: Sequence[Array] = ()
 ) -> ClosestPose | None:
-    """The best of several local searches for the clear pose nearest to the target; nearest as `RADIANS_A_METRE` weighs.
+    """The best of several local searches for the clear pose nearest to the target (`RADIANS_A_METRE` weighs).
 
-    Minimises the squared pose error, at once and after that of the position, under limits and the cover's clearances (SLSQP), from configurations `near` (n,), from
-    `q_reference` and from random ones. What the judge refuses is left out. No proof: there may be a nearer one.
+    Minimises the squared pose error, at once and after that of the position, under limits and the cover's clearances
+    (SLSQP), from configurations `near` (n,), from `q_reference` and from random ones. What the judge refuses is left
+    out. No proof: there may be a nearer one.
 
     Returns:
         None when no start led, in the budget, to a configuration that the judge accepts but for its pose.

@@ -47,8 +47,8 @@ class Explanation:
 
     Attributes:
         status: of the query explained.
-        causes: a smallest set (by number where one alone is enough, else such that none of it can stay) whose removal makes
-            the query possible; empty when nothing that was tried does.
+        causes: a smallest set (by number where one alone is enough, else such that none of it can stay) whose removal
+            makes the query possible; empty when nothing that was tried does.
         alternatives: other single causes whose removal alone does as well.
         pieces: the obstacles among the causes.
         undecided: steps that ended neither in a configuration nor in a proof: the set may be smaller than it is.
@@ -155,7 +155,11 @@ class _Steps:
         self.undecided = 0
         names = dict.fromkeys(obstacle_name(piece) for piece in problem.obstacles)
         self.obstacles = [Cause(_OBSTACLE, name) for name in names]
-        self.limits = [Cause(_LIMIT, name) for name, bound in zip(problem.robot.joint_names, _bounded(problem), strict=True) if bound]  # fmt: skip
+        self.limits = [
+            Cause(_LIMIT, name)
+            for name, bound in zip(problem.robot.joint_names, _bounded(problem), strict=True)
+            if bound
+        ]
         self.rotation = [Cause(_ROTATION)] if problem.goal != "position" else []
 
     @property

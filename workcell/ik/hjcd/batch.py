@@ -32,7 +32,8 @@ _COPIES = (
     (1024, 0.02, 5, 0.15),
     (2048, 0.01, 5, 0.15),
 )
-"""Up to this batch size: share of the seeds that is kept, copies of each, their spread (share of the joints' ranges)."""
+"""Up to this batch size: share of the seeds that is kept, copies of each, their spread (share of the joints'
+ranges)."""
 _COPIES_ABOVE = (0.01, 2, 0.15)
 Sampling = Literal["uniform", "halton"]
 
@@ -77,11 +78,12 @@ def solve_batch(
         restarts: most seeds a target.
         accuracy: residual in metres at which a target counts as solved.
         threads: targets are split among them; the kernels don't hold the interpreter's lock.
-        device: a Warp device (`cuda:0`, `cpu`) that solves all targets together, instead of numba's threads; needs the extra
-            `workcell[gpu]`. Other random numbers, so other solutions.
+        device: a Warp device (`cuda:0`, `cpu`) that solves all targets together, instead of numba's threads; needs
+            the extra `workcell[gpu]`. Other random numbers, so other solutions.
 
     Raises:
-        InputError: targets or configurations of the wrong shape, or not finite; no such device, or Warp isn't installed.
+        InputError: targets or configurations of the wrong shape, or not finite; no such device, or Warp isn't
+            installed.
     """
     poses = _target_rows(targets)
     starts = np.empty((0, robot.dof))
@@ -119,8 +121,8 @@ def solve_two_phase(
 ) -> BatchSolution:
     """The paper's algorithm for one target: descend `batch` seeds, polish perturbed copies of the best.
 
-    Phase one ends for all seeds when one comes within `COARSE` (on a Warp device each runs to its end: the answer must not
-    depend on which thread is first); how many are kept and copied depends on the batch size as in the authors'
+    Phase one ends for all seeds when one comes within `COARSE` (on a Warp device each runs to its end: the answer
+    must not depend on which thread is first); how many are kept and copied depends on the batch size as in the authors'
     code. The configurations come with the smallest residual first.
 
     Args:

@@ -1,4 +1,4 @@
-"""HJCD-IK with collisions inside: seeds, greedy coordinate descent, damped Newton polish, then clear of the obstacles.
+"""HJCD-IK with collisions inside: seeds, greedy coordinate descent, Newton polish, then clear of obstacles.
 
 The two phases are those of the paper (PAPERS: HJCD-IK, Sections III and IV), which knows kinematics alone. Here a
 pose in collision slides clear under a hinge on penetration, and an arm with joints to spare walks around its
@@ -122,7 +122,8 @@ def collect_solutions(
     """Up to `most` solutions (n,) in the order in which random seeds and self-motion curves yield them.
 
     Ends early where the search is exhausted or the budget (default 1 s of CPU) is spent. Every one keeps pose, limits
-    and clearance; a `checker` is asked about each. They may lie close to each other: see `workcell.ik.diverse.solutions`.
+    and clearance; a `checker` is asked about each. They may lie close to each other: see
+    `workcell.ik.diverse.solutions`.
     """
     _prepare_search(refinement=problem.robot.dof >= MANY_JOINTS)
     deadline = time.process_time() + (budget or Budget(1.0)).cpu_s
@@ -192,7 +193,7 @@ class _Search:
         return np.clip(starts, bounds[0], bounds[1])
 
     def run(self, deadline: float, most: int | None = None) -> Candidate:
-        """Search until a configuration is found, the search is exhausted, or `most` restarts are made or the time is over."""
+        """Search until a configuration is found, the search is exhausted, `most` restarts are made or time is over."""
         lanes, exhausted = list(self._lanes), False
         q, done, chunk = np.empty(self.problem.robot.dof), 0, RESTARTS
         while lanes and done != most:

@@ -43,8 +43,8 @@ def _issue(problem: IKProblem, ray: Array, places: Array) -> Certificate | None:
     if not margin > 0.0:
         return None
     statement = (
-        f"No configuration that brings the tool within {1e3 * tolerance[0]:g} mm and {tolerance[1]:g} rad of the target "
-        "has every sphere of the cover inside one of the free-space cuboids."
+        f"No configuration that brings the tool within {1e3 * tolerance[0]:g} mm and {tolerance[1]:g} rad of the "
+        "target has every sphere of the cover inside one of the free-space cuboids."
     )
     data = {"ray": ray, "places": places, "tolerance": tolerance}
     scope = proof_scope(problem, "cuboids")

@@ -158,7 +158,7 @@ class CuboidSet:
         return ConicSolver(csc_matrix(A), b, grown, tolerance=tolerance)
 
     def solve(self, q: Array) -> ConicSolution:
-        """Minimise q.x; `z` is over the relaxation's rows, followed by the multipliers (3 m,) of the spheres' places."""
+        """Minimise q.x; `z` is over the relaxation's rows, then the multipliers (3 m,) of the spheres' places."""
         N = self.lift.size
         padded = np.concatenate([q, np.zeros(4 * int(self._pairs.allowed.sum()))])
         solution = self._solver.solve(padded)
@@ -172,7 +172,10 @@ class CuboidSet:
         return replace(solution, x=solution.x[:N], z=np.concatenate([self._instance.original(own), places]))
 
     def assignment(self, spheres: int) -> NDArray[np.int64]:
-        """(spheres,) of the cover, the cuboid that holds most of each sphere at the last solve; -1 where no joint moves it."""
+        """(spheres,) of the cover, the cuboid that holds most of each sphere at the last solve.
+
+        -1 where no joint moves the sphere.
+        """
         shares = np.full(self._pairs.allowed.shape, -1.0)
         shares[self._pairs.allowed] = self._shares
         chosen = np.full(spheres, -1, dtype=np.int64)

@@ -193,7 +193,10 @@ class Lift:
 
     def _origins(self) -> Array:
         forward, backward = self._ends()
-        fewer = [np.count_nonzero(np.any(f, axis=(0, 2))) <= np.count_nonzero(np.any(b, axis=(0, 2))) for f, b in zip(forward, backward, strict=True)]  # fmt: skip
+        fewer = [
+            np.count_nonzero(np.any(f, axis=(0, 2))) <= np.count_nonzero(np.any(b, axis=(0, 2)))
+            for f, b in zip(forward, backward, strict=True)
+        ]
         return np.stack([f if use else b for f, b, use in zip(forward, backward, fewer, strict=True)])
 
     def _equalities(self) -> Array:

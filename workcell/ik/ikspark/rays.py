@@ -61,7 +61,7 @@ def dual_head(relaxation: Relaxation, z: Array) -> Array:
 
 
 def certify_kinematics(problem: IKProblem, z: Array) -> Certificate | None:
-    """A certificate of scope `kinematics` from a ray over the rows of `relaxation_of(problem)`, or None if it is too weak.
+    """A certificate of scope `kinematics` from a ray over the rows of `relaxation_of(problem)`, None if too weak.
 
     Args:
         problem: the problem; its obstacles play no part.

@@ -1,4 +1,4 @@
-"""The convex set that holds every lifted configuration reaching a target: IKSPARK's Ybar with the pose equalities.
+"""The convex set that holds every lifted configuration reaching a target: IKSPARK's Ybar with pose equalities.
 
 Rows are `s = S(goal) (x, 1)` with s in a cone, in Clarabel's order: equalities; half-spaces (limits of the joints next
 to the base and the goal, bounds on link rotations, faces to stay outside of); second-order cones (other joint limits,

@@ -1,4 +1,4 @@
-"""The exact kernel that judges answers: forward kinematics and signed distances, sharing nothing with the solvers' own.
+"""The exact kernel that judges answers: kinematics and signed distances, sharing nothing with the solvers' own.
 
 Kinematics are products of exponentials (Lynch and Park, Modern Robotics, section 4.1) of the joint screws in the
 zero configuration, not the chain of link transforms that `Robot` uses.
@@ -253,7 +253,7 @@ def _hull_surface(vertex_bytes: bytes) -> tuple[Array, Array]:
 
 
 def _triangle_distances(x: Array, triangles: Array) -> Array:
-    """Distances (m, f) from points (m, 3) to triangles (f, 3, 3): to the plane where it projects inside, else an edge."""
+    """Distances (m, f) from points (m, 3) to triangles (f, 3, 3): the plane where it projects inside, else an edge."""
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
     normal = np.cross(b - a, c - a)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)

@@ -1,4 +1,4 @@
-"""The judge: whether a configuration solves a problem. Knows no solver; only what passes here is called `SOLVED`."""
+"""The judge: whether a configuration solves a problem. Knows no solver; only what passes here is `SOLVED`."""
 
 from __future__ import annotations
 

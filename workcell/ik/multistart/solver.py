@@ -1,6 +1,7 @@
-"""Plain multi-start: Levenberg-Marquardt on the pose with a hinge on penetration, from random starts. The honest baseline.
+"""Plain multi-start: Levenberg-Marquardt on the pose with a hinge on penetration, from random starts.
 
-Many starts (lanes) advance together as numpy batches; a lane that stops improving is given a new start.
+The honest baseline. Many starts (lanes) advance together as numpy batches; a lane that stops improving is
+given a new start.
 """
 
 from __future__ import annotations
@@ -97,8 +98,11 @@ class _Search:
         self._misses: dict[str, float] = {}
 
     def _forgiveness(self) -> Array:
-        """(lanes, spheres) metres by which spheres are shrunk. Where another judge knows the true shape, one lane in four
-        takes an outer cover without its overshoot, and one sees no obstacle at all and leaves them to the judge."""
+        """(lanes, spheres) metres by which spheres are shrunk.
+
+        Where another judge knows the true shape, one lane in four takes an outer cover without its overshoot,
+        and one sees no obstacle at all and leaves them to the judge.
+        """
         cover = self.problem.cover
         assert cover is not None and cover.overshoot is not None
         forgiven = np.zeros((LANES, len(cover)))
@@ -112,7 +116,7 @@ class _Search:
         return tuple(sorted(self._misses, key=self._misses.__getitem__)[:NEAR_MISSES])
 
     def run(self, deadline: float, most: float = np.inf) -> Array | None:
-        """The first configuration that the judge accepts, or None at the deadline, or when `most` starts came to nothing."""
+        """The first configuration that the judge accepts; None at the deadline, or when `most` starts led nowhere."""
         lanes: _Lanes = self._evaluate(self._fresh(LANES, first=True))
         damping = np.full(LANES, 1e-2)
         age, milestone = np.zeros(LANES, dtype=int), lanes.cost.copy()

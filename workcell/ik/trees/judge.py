@@ -1,4 +1,7 @@
-"""Whether a configuration answers a query of several goals: its goals, limits and workspace, with the tree's own kinematics."""
+"""Whether a configuration answers a query of several goals, by the tree's own kinematics.
+
+What is looked at are its goals, limits and workspace.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ _SIDE = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What the judge found: the worst goal's errors (metres, radians), the least clearance (metres), and what is wrong."""
+    """What the judge found: the worst goal's errors (m, rad), the least clearance (m), and what is wrong."""
 
     position_error: float
     rotation_error: float
@@ -51,7 +54,7 @@ def judge_query(query: Query, q: Array) -> Verdict:
 
 
 def workspace_clearance(query: Query, T: Array) -> tuple[float, str]:
-    """Least distance (metres) by which points keep the workspace at link poses T, negative where broken; and the rule.
+    """Least distance (m) by which points keep the workspace at link poses T, negative where broken; and the rule.
 
     Points that can't move count as well. Points in planes (`equal`) are broken from a hundredth of a millimetre on.
     """

@@ -174,7 +174,7 @@ class Balls:
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """`normal . x >= offset` for the points (all, or those listed), or `==` when `equal`; normal of unit length, world.
+    """`normal . x >= offset` for the points (all, or those listed), or `==` when `equal`; unit normal, in the world.
 
     A point with a radius keeps its whole sphere on that side; with `equal` its centre lies in the plane.
     """

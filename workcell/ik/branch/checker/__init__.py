@@ -1,1 +1,1 @@
-"""Compiled checker of branch-and-bound proofs (`workcell.ik.branch.checker.check`); shares no code with the search."""
+"""The compiled checker of branch-and-bound proofs, `workcell.ik.branch.checker.check`; no code of the search's."""

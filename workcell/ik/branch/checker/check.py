@@ -1,9 +1,9 @@
 """Re-checks proofs by branch and bound, with kinematics, bounds and code of its own.
 
-A certificate of kind `branch` holds a tree of boxes of joint angles, in pre-order. It is only a hint: the checker starts
-from the box of all admissible configurations, contracts every box by inequalities that hold in all of it, splits where
-the tree says, lower half first, and proves every leaf (subdividing where it must). A bad tree can fail, never mislead.
-What is in `data`:
+A certificate of kind `branch` holds a tree of boxes of joint angles, in pre-order. It is only a hint: the checker
+starts from the box of all admissible configurations, contracts every box by inequalities that hold in all of it,
+splits where the tree says, lower half first, and proves every leaf (subdividing where it must). A bad tree can fail,
+never mislead. What is in `data`:
 
     tree        (nodes,)    joint to split, from 0; or -1: no configuration of the box closes the chain;
                             or -2: in all of it a sphere collides with an obstacle;
@@ -165,7 +165,8 @@ def _check_root(problem: IKProblem, root: Array) -> str | None:
     if not np.all(covered) or np.any(np.abs(root) > 100.0):
         k = int(np.argmin(covered))
         names = problem.robot.joint_names
-        return f"the boxes leave out a part of {f'joint {names[k]!r}' if k < len(names) else 'the rotations of the target'}"
+        part = f"joint {names[k]!r}" if k < len(names) else "the rotations of the target"
+        return f"the boxes leave out a part of {part}"
     return None
 
 

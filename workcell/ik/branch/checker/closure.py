@@ -1,7 +1,7 @@
 """What the closure of the chain says about a box of joint angles: bands for single joints between any two lines.
 
-Everything is in the base's frame. The pose of link k is T_k times its pose in the zero configuration, T_k the product of
-the exponentials of joints 1 to k; a solution has T_n = G, the motion that takes the tool from its zero pose to the
+Everything is in the base's frame. The pose of link k is T_k times its pose in the zero configuration, T_k the product
+of the exponentials of joints 1 to k; a solution has T_n = G, the motion that takes the tool from its zero pose to the
 target. So link k can be computed from the base, and from the target backwards. Joints 0 and n + 1 don't turn; they
 carry one line each, fixed to the base and to the tool. Where only the tool's position, or its position and one
 direction count, the target itself has joints: they come after the robot's.
@@ -206,8 +206,8 @@ def advance(
     """Component along z of a point's move under joints first, first + step ... last (outermost first), and z's tilt.
 
     Of E_1 E_2 x - x the part by joint 2 is E_1 (E_2 x - x), a vector at right angles to E_1 z_2: along z it counts with
-    at most |z x z_2| + (what E_1 tilts z by), and at most fully; along z_2 if joint 2 slides, so with |z . z_2|. x is known
-    to `extra`.
+    at most |z x z_2| + (what E_1 tilts z by), and at most fully; along z_2 if joint 2 slides, so with |z . z_2|. x is
+    known to `extra`.
     """
     total, k = 0.0, first
     while (step > 0 and k <= last) or (step < 0 and k >= last):
@@ -232,7 +232,7 @@ def wave(u: Vector, v: Vector, z: Vector) -> Vector:
 
 @exact_inner
 def around(robot: Robot, box: Box, i: int) -> tuple[Vector, Vector, Vector, Vector]:
-    """Points and directions of the lines of joints i - 1 and i + 1 at the zero configuration, from a point of line i.
+    """Points and directions of the lines of joints i - 1 and i + 1 at the zero configuration, from a point of i.
 
     Where joint i + 1 slides, its points lie where they do at the centre of the box.
     """

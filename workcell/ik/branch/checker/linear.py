@@ -1,13 +1,13 @@
 """The closure of the chain at a middle link, linearised, with everything left out bounded.
 
-Position: E_1 .. E_m p = Ball E_n^-1 .. E_(m+1)^-1 t, p and t one point of the middle link seen from the base and from the
-target. Rotation: E_1 .. E_m = Ball E_n^-1 .. E_(m+1)^-1 D. The skew part of a product of two small rotations' generators
-is half their vector product, that of a square is zero; D departs from the identity by at most `apart`, which enters as
-remainder. Third order of rotations: their product by t h_j, differentiated three times in t, is at most (sum h_j)^3.
-Third order of points: E_1 .. E_m p - p = sum of E_1 .. E_(j-1) (E_j - 1) p. With s the sum of the h before joint j and l its
-lever at p, such a term differentiated three times is at most ((s + h)^3 - s^3) l where E_j is differentiated and s^3 t h l
-where it is not; under Taylor's integral that is ((s + h)^3 - s^3) l / 6 + s^3 h l / 24. Where joint j slides: s^2 h / 2 +
-s^3 h / 24.
+Position: E_1 .. E_m p = Ball E_n^-1 .. E_(m+1)^-1 t, p and t one point of the middle link seen from the base and from
+the target. Rotation: E_1 .. E_m = Ball E_n^-1 .. E_(m+1)^-1 D. The skew part of a product of two small rotations'
+generators is half their vector product, that of a square is zero; D departs from the identity by at most `apart`,
+which enters as remainder. Third order of rotations: their product by t h_j, differentiated three times in t, is at
+most (sum h_j)^3. Third order of points: E_1 .. E_m p - p = sum of E_1 .. E_(j-1) (E_j - 1) p. With s the sum of the h
+before joint j and l its lever at p, such a term differentiated three times is at most ((s + h)^3 - s^3) l where E_j
+is differentiated and s^3 t h l where it is not; under Taylor's integral that is ((s + h)^3 - s^3) l / 6 + s^3 h l /
+24. Where joint j slides: s^2 h / 2 + s^3 h / 24.
 
 Rounding: the rows that are used are the weights found by elimination times the system itself, computed afresh. So the
 elimination may err as it likes; what rounding remains is that of six products each, and of the system, both within the
@@ -24,7 +24,8 @@ from workcell.jit import exact_inner
 from workcell.pose import Array
 
 _OFF = 1e-12
-"""How far from 1 and 0 the coefficients of solved joints may be for `Box.follow`; times all half widths it is below EPS."""
+"""How far from 1 and 0 the coefficients of solved joints may be for `Box.follow`; times all half widths it is
+below EPS."""
 WIDEST = 1.3
 """Radians of all half widths together beyond which nothing can come of it."""
 
@@ -34,7 +35,8 @@ def follow_closure(robot: Robot, box: Box) -> bool:
     """Contract all joints by the linear closure; False if it can't hold. Leaves in `box.follow` how joints follow:
 
     departure of joint k = follow[k, 0] + follow[k, 1] * (departure of joint follow[0, 1]) + follow[k, 2:8] . noise
-    + follow[k, 12:] . (departures of the other free joints), where follow[0, 11] is 1 if there are such; the noise bounded by `noise_along` with follow[0, 2:8] and follow[0, 8:11]; valid where follow[0, 0] is 1.
+    + follow[k, 12:] . (departures of the other free joints), where follow[0, 11] is 1 if there are such; the noise
+    bounded by `noise_along` with follow[0, 2:8] and follow[0, 8:11]; valid where follow[0, 0] is 1.
     """
     joints = box.lower.shape[0]
     box.follow[0, 0] = 0.0
@@ -79,7 +81,8 @@ def noise_along(weights: Array, bound: Array, lever: Array, ball: Array) -> floa
         total += abs(weights[r]) * bound[r]
     u, v = vector(weights, 0), vector(weights, 3)
     w = cross((lever[0], lever[1], lever[2]), u)
-    return total + ball[0] * norm(u) + ball[1] * norm((v[0] + w[0], v[1] + w[1], v[2] + w[2]))  # type: ignore[no-any-return]
+    turn = norm((v[0] + w[0], v[1] + w[1], v[2] + w[2]))
+    return total + ball[0] * norm(u) + ball[1] * turn  # type: ignore[no-any-return]
 
 
 @exact_inner
@@ -124,7 +127,8 @@ def _system(robot: Robot, box: Box, m: int, h: Array, A: Array, bound: Array, le
 
 @exact_inner
 def _side(
-    box: Box, side: int, first: int, last: int, step: int, p: Vector, D: Array, apart: float, h: Array, A: Array, bound: Array
+    box: Box, side: int, first: int, last: int, step: int, p: Vector, D: Array, apart: float, h: Array, A: Array,
+    bound: Array,
 ) -> None:  # fmt: skip
     """Columns of the joints first .. last (outermost first) of one side, and their remainders."""
     right = A.shape[1] - 1

@@ -16,8 +16,11 @@ BOX, SPHERE, CAPSULE, CYLINDER, HALFSPACE, HULL = 0, 1, 2, 3, 4, 5
 
 
 class Scene(NamedTuple):
-    """Spheres (m, 5): link, centre in the zero configuration, radius. Obstacles (k, 18): kind, rotation (9), position
-    (3), size (3), first and last triangle. Triangles (f, 9). All in the world."""
+    """Spheres, obstacles and triangles of a problem, all in the world.
+
+    Spheres (m, 5): link, centre in the zero configuration, radius. Obstacles (k, 18): kind, rotation (9),
+    position (3), size (3), first and last triangle. Triangles (f, 9).
+    """
 
     spheres: Array
     obstacles: Array
@@ -147,7 +150,8 @@ def _reach(robot: Robot, box: Box, shifts: Array, e: Vector) -> float:
 
 @exact_inner
 def _in_rounded_box(
-    robot: Robot, box: Box, row: Array, shifts: Array, one: Vector, two: Vector, x: Vector, rest: float, radius: float, limit: float
+    robot: Robot, box: Box, row: Array, shifts: Array, one: Vector, two: Vector, x: Vector, rest: float,
+    radius: float, limit: float,
 ) -> bool:  # fmt: skip
     """Whether all lies in a box swollen by `limit`, by the largest coordinate along each of its axes."""
     if limit <= 0.0:
@@ -189,7 +193,7 @@ def _inside(scene: Scene, row: Array, x: Vector, room: float) -> bool:
 
 @exact_inner
 def _inside_hull(scene: Scene, row: Array, a: Vector, room: float) -> bool:
-    """By the height over the triangles' planes, and outside by the nearest point of some triangle (all belong to it)."""
+    """By the height over the triangles' planes, and outside by the nearest point of one (all belong to it)."""
     height, nearest = -np.inf, np.inf
     for k in range(int(row[16]), int(row[17])):
         t = scene.triangles[k]

@@ -1,16 +1,17 @@
 """Vectors as tuples of three numbers, equations of one angle, and the slack that rounds every bound outwards.
 
 Rounding. Instead of rounding each operation outwards, every bound is moved outwards by `EPS` times max(1, L^2), L the
-largest distance in metres (at most `branch_check.LONGEST`). That exceeds what doubles can err by, u = 2^-53 each operation:
+largest distance in metres (at most `LONGEST` of `check`). That exceeds what doubles can err by, u = 2^-53 each
+operation:
 
 1. Sine, cosine and the square root err by u; `screw` composes rotations whose entries are at most 1: a product and its
-   factors add at most 16 u to an entry, so after 20 joints it errs by 320 u, and a translation, T o - R o, by the sum over
-   joints of (2 sqrt(3) 16 u j + 10 u) L < 11400 u L.
+   factors add at most 16 u to an entry, so after 20 joints it errs by 320 u, and a translation, T o - R o, by the sum
+   over joints of (2 sqrt(3) 16 u j + 10 u) L < 11400 u L.
 2. So a direction errs by less than 1e-13 and a point by less than 1.4e-12 L.
-3. What bands are made of are products of two differences of such points or directions, at most 2 L long: they err by less
-   than 2 (2 L) (2.8e-12 L) + 20 u (2 L)^2 < 1.2e-11 L^2, radii and levers by less than 3e-11 max(1, L).
-4. A band is widened by the slack before its arc cosine is taken, which errs by an ulp then: where the cosine is flat, so
-   is what the widening does to the angle, and the other way round. `EPS` is added to the angle on top.
+3. What bands are made of are products of two differences of such points or directions, at most 2 L long: they err by
+   less than 2 (2 L) (2.8e-12 L) + 20 u (2 L)^2 < 1.2e-11 L^2, radii and levers by less than 3e-11 max(1, L).
+4. A band is widened by the slack before its arc cosine is taken, which errs by an ulp then: where the cosine is flat,
+   so is what the widening does to the angle, and the other way round. `EPS` is added to the angle on top.
 5. `linear` doesn't trust its elimination, see there. What divides by a coefficient has been widened before.
 6. Sums have fewer than 100 terms of the sizes above.
 
@@ -121,8 +122,8 @@ def angles_in_band(
         return lower, upper
     nearest = max(np.arccos(high / size) - EPS, 0.0) if high < size else 0.0
     farthest = min(np.arccos(low / size) + EPS, np.pi) if low > -size else np.pi
-    # The angles are nearest <= |t - phase| <= farthest, turn after turn: what comes first after `lower`, and by symmetry
-    # last before `upper`.
+    # The angles are nearest <= |t - phase| <= farthest, turn after turn: what comes first after `lower`, and by
+    # symmetry last before `upper`.
     phase = np.arctan2(c, b)
     first = lower + _wait(lower - phase, nearest, farthest) - EPS
     last = upper - _wait(phase - upper, nearest, farthest) + EPS

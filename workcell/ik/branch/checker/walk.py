@@ -27,7 +27,7 @@ def walk(
     spare: int,
     box: Box,
 ) -> tuple[int, int]:
-    """Check a tree in pre-order (see `workcell.ik.branch.checker.check`); (outcome, index of the node where it ended).
+    """Check a tree in pre-order (see `workcell.ik.branch.checker.check`); (outcome, index of the node at the end).
 
     A leaf that can't be proved at once is halved, and its halves are proved by the same reason; `spare` such halvings
     are allowed in all.
@@ -103,7 +103,7 @@ def walk(
 
 @exact_inner
 def _proved(robot: Robot, box: Box, scene: Scene, code: float, s: int, o: int, clearance: float) -> bool:
-    """Whether a leaf's box is excluded, by the collision that it names or because it empties; tried after every round."""
+    """Whether a leaf's box is excluded, by the collision it names or because it empties; tried after every round."""
     stand_at_centre(robot, box)
     for _ in range(ROUNDS):
         if code == OBSTACLE and collides(robot, box, scene, s, o, clearance):

@@ -12,7 +12,10 @@ _TURN = 2.0 * np.pi
 
 @exact_inner
 def gap_before(u: float, inner: float, outer: float) -> float:
-    """How far to go up from `u` in [0, 2 pi) to reach the arcs inner <= |t| <= outer (mod 2 pi), inner <= outer <= pi."""
+    """How far to go up from `u` in [0, 2 pi) to reach the arcs inner <= |t| <= outer (mod 2 pi).
+
+    inner <= outer <= pi.
+    """
     if u <= outer:
         return max(inner - u, 0.0)
     if u <= _TURN - inner:

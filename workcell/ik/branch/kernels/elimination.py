@@ -19,7 +19,8 @@ def spread(weights: Array, radius: Array, lever: Array, ball: Array) -> float:
     a = weights[3] + lever[1] * w - lever[2] * v
     b = weights[4] + lever[2] * u - lever[0] * w
     c = weights[5] + lever[0] * v - lever[1] * u
-    return total + ball[0] * np.sqrt(u * u + v * v + w * w) + ball[1] * np.sqrt(a * a + b * b + c * c)  # type: ignore[no-any-return]
+    shift, turn = np.sqrt(u * u + v * v + w * w), np.sqrt(a * a + b * b + c * c)
+    return total + ball[0] * shift + ball[1] * turn  # type: ignore[no-any-return]
 
 
 @exact_inner

@@ -37,7 +37,8 @@ from workcell.pose import Array
 
 @exact_inner
 def _along(
-    z: Array, x: float, y: float, w: float, extra: float, lines: Array, sweep: Array, first: int, last: int, step: int, tilt: float
+    z: Array, x: float, y: float, w: float, extra: float, lines: Array, sweep: Array, first: int, last: int, step: int,
+    tilt: float,
 ) -> tuple[float, float]:  # fmt: skip
     """Move along z of a point (known to `extra`) under joints first, first + step ... before last, outermost first.
 
@@ -229,7 +230,10 @@ def turning(
 def _contract(
     state: State, view: int, j: int, slides: bool, a: float, b: float, c: float, low: float, high: float
 ) -> bool:
-    """Keep of the joint at index j of a view the departures t with a + b cos t + c sin t, or a + b t + c t^2, in [low, high]."""
+    """Keep of the joint at index j of a view the departures t at which a function lies in [low, high].
+
+    It is a + b cos t + c sin t, or a + b t + c t^2.
+    """
     joint = j if view == 0 else state.lower.shape[0] - 1 - j
     centre = state.centre[joint]
     # From the target the joint moves the other way.

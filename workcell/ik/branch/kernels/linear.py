@@ -8,16 +8,17 @@ D = R_target R_base^T. Expanded in the departures d_j this is J d = rhs + remain
 square d_j^2 lies in [0, h_j^2], so half of it moves the right side), third order by Taylor's integral form, and for
 rotations only the skew part counts, where squares cancel when D is the identity.
 
-The third order of a point: E_1 ... E_m p - p is the sum over j of g_j = E_1 ... E_{j-1} (E_j - I) p. With joint k turning
-by t h_k, t from 0 to 1, s = h_1 + ... + h_{j-1} and l the length of z_j x (p - o_j), the third derivative of g_j by t is at
-most 3 s^2 h l + 3 s h^2 l + h^3 l from the terms in which E_j is differentiated, and s^3 |(E_j - I) p| <= s^3 t h l from the
-one in which it isn't. Under (1 - t)^2 / 2 these integrate to ((s + h)^3 - s^3) l / 6 + s^3 h l / 24. Where j slides only the
-first and the last remain, with l = 1, and j doesn't add to s. Elimination with full pivoting, in
-units of the box and of the remainders, leaves the joints that can't be told apart (one for seven joints) on the right:
-every other joint follows them like a tube.
+The third order of a point: E_1 ... E_m p - p is the sum over j of g_j = E_1 ... E_{j-1} (E_j - I) p. With joint k
+turning by t h_k, t from 0 to 1, s = h_1 + ... + h_{j-1} and l the length of z_j x (p - o_j), the third derivative of
+g_j by t is at most 3 s^2 h l + 3 s h^2 l + h^3 l from the terms in which E_j is differentiated, and s^3 |(E_j - I) p|
+<= s^3 t h l from the one in which it isn't. Under (1 - t)^2 / 2 these integrate to ((s + h)^3 - s^3) l / 6 + s^3 h l
+/ 24. Where j slides only the first and the last remain, with l = 1, and j doesn't add to s. Elimination with full
+pivoting, in units of the box and of the remainders, leaves the joints that can't be told apart (one for seven joints)
+on the right: every other joint follows them like a tube.
 
 The tolerance ball enters exactly to first order: a shift e and a small turn w about the target's point c move p_target
-by e + w x (p_target - c) and the rotation by w, so a row with weights (u, v) sees |u| |e| + |v + (p_target - c) x u| |w|.
+by e + w x (p_target - c) and the rotation by w, so a row with weights (u, v) sees |u| |e| + |v + (p_target - c) x u|
+|w|.
 """
 
 from __future__ import annotations
@@ -40,8 +41,8 @@ def contract_linear(chain: Chain, state: State) -> bool:
 
     Where it could be applied `state.tangent[0, 0]` is 1, and row 1 + k (k from 0) says how real joint k follows:
     departure = tangent[k+1, 1] + tangent[k+1, 2] * (departure of joint tangent[0, 1]) + tangent[k+1, 3:9] . noise
-    + tangent[k+1, 13:] . (departures of the other free joints), tangent[0, 2] being the number of all free ones. The noise
-    is bounded by `elimination.spread` with the remainders tangent[0, 3:9] and the lever tangent[0, 9:12].
+    + tangent[k+1, 13:] . (departures of the other free joints), tangent[0, 2] being the number of all free ones. The
+    noise is bounded by `elimination.spread` with the remainders tangent[0, 3:9] and the lever tangent[0, 9:12].
     """
     state.tangent[0, 0] = 0.0
     joints = state.lower.shape[0]

@@ -17,7 +17,8 @@ _HINGE_WEIGHT = 0.15
 """Beside a metre of pose error; soft, so that a start reaches the pose first and then slides clear."""
 _STIFF_WEIGHT = 30.0
 _ALMOST = 3e-3
-"""Metres of penetration below which the last iterations let the pose give way, within its tolerance, to the clearance."""
+"""Metres of penetration below which the last iterations let the pose give way, within its tolerance, to the
+clearance."""
 _NEAR = 0.05
 """Residual (m) below which obstacles begin to count: a start that misses the pose is dropped before it costs more."""
 

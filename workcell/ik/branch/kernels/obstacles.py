@@ -6,7 +6,8 @@ that lies inside an obstacle swollen by the sphere's radius, the whole box colli
 segment is inside when its ends are; for boxes the extent is compared axis by axis.
 
 Two spheres of the robot on links a < b: |E_{a+1} ... E_b x_b - x_a| is at most their distance at the centre, the motion
-radius of x_b under the joints beyond some link l between, and that of x_a under those up to l. Joints up to a move both.
+radius of x_b under the joints beyond some link l between, and that of x_a under those up to l. Joints up to a move
+both.
 """
 
 from __future__ import annotations
@@ -49,9 +50,10 @@ def new_sweep(joints: int) -> Sweep:
 
 @exact_kernel
 def find_blocked(chain: Chain, state: State, world: World, sweep: Sweep, hint: int) -> tuple[int, int, float]:
-    """A sphere and an obstacle that collide all over the box, and an upper bound on their clearance; (-1, -1, 0) if none.
+    """A sphere and an obstacle that collide all over the box, and an upper bound on their clearance.
 
-    `hint` (sphere * number of obstacles + obstacle, or -1) is tried first: neighbouring boxes are blocked alike.
+    (-1, -1, 0) if there are none. `hint` (sphere * number of obstacles + obstacle, or -1) is tried first:
+    neighbouring boxes are blocked alike.
     """
     obstacles = world.obstacles.shape[0]
     limit = world.clearance[0] + world.clearance[1]
@@ -133,7 +135,8 @@ def blocked_bound(chain: Chain, state: State, world: World, s: int, o: int, swee
     if sweep.rest[2] == 0.0:
         _bound_segment(chain, state, world.spheres[s], sweep)
     if world.obstacles[o, 0] == BOX:
-        return min(bound, _box_bound(chain, state, world.obstacles[o], sweep) - radius) + SLACK  # type: ignore[no-any-return]
+        inside = _box_bound(chain, state, world.obstacles[o], sweep) - radius
+        return min(bound, inside) + SLACK  # type: ignore[no-any-return]
     squares = 0.0
     for a in range(3):
         squares += (

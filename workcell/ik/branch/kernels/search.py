@@ -18,7 +18,8 @@ from workcell.jit import exact_inner, exact_kernel
 from workcell.pose import Array
 
 DONE, FOUND, PAUSED, FULL = 0, 1, 2, 3
-"""How a run of the search ended: every box excluded (or left), a configuration in `found`, node count reached, no room."""
+"""How a run of the search ended: every box excluded (or left), a configuration in `found`, node count reached, no
+room."""
 EMPTY, AGAIN, STALLED = 0, 1, 2
 """How a contraction ended."""
 ROUNDS = 8
@@ -39,13 +40,14 @@ class Tree(NamedTuple):
 
     Attributes:
         stack: (depth, 2, N) boxes to come.
-        nodes: (capacity, 4) in pre-order: joint (from 0) of a split or -1 (kinematics), -2 (obstacle), -3 (two spheres),
-            -4 (given up); then the split's value; for an obstacle sphere and obstacle and the bound on their
+        nodes: (capacity, 4) in pre-order: joint (from 0) of a split or -1 (kinematics), -2 (obstacle), -3 (two
+            spheres), -4 (given up); then the split's value; for an obstacle sphere and obstacle and the bound on their
             clearance, for two spheres the same.
         counts: (8,) boxes on the stack; nodes; leaves: kinematic, colliding, given up; local searches; hint;
             boxes since the last local search.
         found: (N,) a configuration that the local search reached.
-        best_gap: (1,) by how much the best configuration in reach of the target kept (missed, if negative) the clearance.
+        best_gap: (1,) by how much the best configuration in reach of the target kept (missed, if negative) the
+            clearance.
     """
 
     stack: Array

@@ -2,8 +2,8 @@
 
 Joint `k` of the kernels runs from 0 to N - 1 = n + 1: joints 0 and n + 1 stand still and carry a line fixed to the base
 and one fixed to the tool, so that both ends of the chain take part in every inequality between axes.
-Every joint turns about, or slides along, the z axis of its frame. *View* 0 counts joints from the base, view 1 from the target; what is
-known at index k of one view belongs to index N - 1 - k of the other.
+Every joint turns about, or slides along, the z axis of its frame. *View* 0 counts joints from the base, view 1 from
+the target; what is known at index k of one view belongs to index N - 1 - k of the other.
 """
 
 from __future__ import annotations

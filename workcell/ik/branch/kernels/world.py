@@ -1,4 +1,4 @@
-"""Signed distances from points to obstacles, with gradients: exact for every kind but hulls (see `hull_distance`)."""
+"""Signed distances from points to obstacles, with gradients: exact for all kinds but hulls (`hull_distance`)."""
 
 from __future__ import annotations
 

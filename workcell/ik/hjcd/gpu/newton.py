@@ -1,4 +1,7 @@
-"""Damped Newton polish in a Warp thread: trust radius, backtracking, dogleg, single joint (PAPERS: HJCD-IK, Eqs. 12-16)."""
+"""Damped Newton polish in a Warp thread: trust radius, backtracking, dogleg, single joint.
+
+PAPERS: HJCD-IK, Eqs. 12-16.
+"""
 # mypy: ignore-errors
 
 import functools

@@ -1,4 +1,4 @@
-"""The kernels that are launched: descend a batch of seeds, rank it, polish copies of the best, and pick the winners."""
+"""The kernels that are launched: descend a batch of seeds, rank it, polish copies of the best, pick winners."""
 # mypy: ignore-errors
 
 import functools

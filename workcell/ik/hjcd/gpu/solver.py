@@ -35,7 +35,9 @@ class Outcome:
 
 
 class WarpSolver:
-    """HJCD-IK for one chain on one Warp device. All arrays are float64; residuals as in `workcell.kernels.pose_error`.
+    """HJCD-IK for one chain on one Warp device.
+
+    All arrays are float64; residuals as in `workcell.kernels.pose_error`.
 
     Raises:
         InputError: Warp is not installed, or knows no such device.
@@ -52,7 +54,7 @@ class WarpSolver:
         self._bounds = self._array(arm.bounds, self._warp.float64)
 
     def descend(self, poses: Array, q: Array, sweeps: int) -> tuple[Array, Array]:
-        """Phase one on configurations q (k, b, n) for targets poses (k, 7); returns new ones and squared residuals (k, b)."""
+        """Phase one on configurations q (k, b, n) for targets poses (k, 7); new ones and squared residuals (k, b)."""
         seeds, cost = self._configurations(q), self._empty(q.shape[:2])
         self._descend(self._targets(poses), seeds, sweeps, cost)
         return seeds.numpy(), cost.numpy()

@@ -1,4 +1,4 @@
-"""Sequential quadratic programming: the smallest motion that reaches the pose and keeps every clearance, step by step."""
+"""Sequential quadratic programming: the smallest motion that reaches the pose and keeps every clearance."""
 
 from __future__ import annotations
 

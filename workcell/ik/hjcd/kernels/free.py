@@ -1,4 +1,4 @@
-"""Kinematics alone: restart until solved, for one target or many, and the paper's two phases over a batch of seeds."""
+"""Kinematics alone: restart until solved, for one or many targets; the paper's two phases on a batch of seeds."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def solve_targets(
     q: Array,
     cost: Array,
 ) -> int:
-    """Solve every target poses (k, 7: position, quaternion wxyz) into q (k, n), with its squared residual in cost (k,).
+    """Solve every target poses (k, 7: position, quaternion wxyz) into q (k, n), squared residuals into cost (k,).
 
     A target begins from the same row of `first` (k or fewer rows, n) where there is one, and stops at the first
     solution or after `restarts`; the best found stays. Returns the restarts done.

@@ -1,4 +1,4 @@
-"""Damped Newton polish on the pose, HJCD-IK's second phase (PAPERS: Section IV, Eqs. 12-16), within joint limits."""
+"""Damped Newton polish on the pose within limits: HJCD-IK's second phase (PAPERS: Section IV, Eqs. 12-16)."""
 
 from __future__ import annotations
 

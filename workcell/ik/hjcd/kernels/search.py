@@ -1,4 +1,7 @@
-"""The search among obstacles: restarts, near misses slid clear, self-motion curves walked. One entry, called in chunks."""
+"""The search among obstacles: restarts, near misses slid clear, self-motion curves walked.
+
+It has one entry, called in chunks.
+"""
 
 from __future__ import annotations
 
@@ -36,8 +39,8 @@ APART = 0.05
 MISSES = 8
 """Near misses kept."""
 RESTARTS, POSES, SLID, CURVES, REPEATS, ARC, STARTED, BEST = range(8)
-"""Places in `Memory.counts`: restarts, poses reached, slides and walks, restarts in a row without a new curve, arc to go
-on from on the present curve (negative: none), rows of `first` used, smallest squared residual."""
+"""Places in `Memory.counts`: restarts, poses reached, slides and walks, restarts in a row without a new curve, arc to
+go on from on the present curve (negative: none), rows of `first` used, smallest squared residual."""
 
 
 class Memory(NamedTuple):
@@ -138,9 +141,9 @@ def search(
 ) -> int:  # fmt: skip
     """Up to `restarts` restarts for a clear configuration that reaches pose (7,), into out (n,).
 
-    Rows of first (k, n) are tried before random seeds. Poses are polished to a residual of `accuracy` metres; those that
-    stall below `enough` count too (targets at a singularity). Returns FOUND, SPENT or EXHAUSTED; called again with the same
-    memory it goes on, after FOUND past the configuration that was found.
+    Rows of first (k, n) are tried before random seeds. Poses are polished to a residual of `accuracy` metres; those
+    that stall below `enough` count too (targets at a singularity). Returns FOUND, SPENT or EXHAUSTED; called again
+    with the same memory it goes on, after FOUND past the configuration that was found.
     """
     n = out.shape[0]
     work, contacts, twist = scratch(n), room(), np.empty((n + 1, 6))

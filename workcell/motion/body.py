@@ -197,11 +197,12 @@ _columns = ByIdentity()
 
 
 def column_bounds(robot: Robot, cover: SphereCover) -> Array:
-    """(n + 1, n) upper bounds, over all configurations within the limits of slides, on the distance of a link's sphere centres from each joint's axis.
+    """(n + 1, n) upper bounds on the distance of a link's sphere centres from each joint's axis.
 
-    Row l, column k: at most the radial part of the next joint's origin plus the lengths of the links beyond it; exact
-    for the link's own joint. 1 for a prismatic joint, whose column of the Jacobian is a unit vector; 0 for joints
-    that don't move the link. Remembered for a robot and its cover.
+    Over all configurations within the limits of slides. Row l, column k: at most the radial part of the next
+    joint's origin plus the lengths of the links beyond it; exact for the link's own joint. 1 for a prismatic
+    joint, whose column of the Jacobian is a unit vector; 0 for joints that don't move the link. Remembered
+    for a robot and its cover.
     """
     bounds: Array = _columns.get((robot, cover), lambda: _column_bounds(robot, cover))
     return bounds

@@ -127,7 +127,7 @@ class Path:
         return mixed
 
     def tool_deviation(self) -> tuple[Array, Array]:
-        """How far the tool is from the straight tool path half-way between waypoints: metres and radians, (k - 1,) each.
+        """How far the tool is from the straight tool path half-way between waypoints: m and rad, (k - 1,) each.
 
         The straight tool path joins the poses that were asked for (or, without them, the poses at the waypoints)
         by lines in position and shortest great arcs in rotation.

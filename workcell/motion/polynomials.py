@@ -1,4 +1,4 @@
-"""Joint motions that are polynomials of time, piece by piece: what a trajectory is between its samples, and bounds on it."""
+"""Joint motions that are polynomials of time, piece by piece: a trajectory between samples, and bounds on it."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class PolynomialMotion:
 
     @staticmethod
     def of_trajectory(trajectory: Trajectory) -> PolynomialMotion:
-        """What a trajectory is between its samples: the quintics that share position, velocity and acceleration there."""
+        """What a trajectory is between its samples: quintics that share position, velocity and acceleration there."""
         h = trajectory.dt
         q0, q1 = trajectory.q[:-1], trajectory.q[1:]
         v0, v1 = h * trajectory.qd[:-1], h * trajectory.qd[1:]
@@ -91,7 +91,7 @@ class PolynomialMotion:
         return value
 
     def divided(self, parts: int) -> PolynomialMotion:
-        """The same motion with every piece cut into `parts` equal ones, on which the bounds of `largest` are tighter."""
+        """The same motion with every piece cut into `parts` equal ones: the bounds of `largest` get tighter."""
         size = self.coefficients.shape[2]
         cut = []
         for part in range(parts):

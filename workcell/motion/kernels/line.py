@@ -1,4 +1,4 @@
-"""Proof that a straight line in joint space is clear: from the middle outwards, as far as each configuration vouches for."""
+"""Proof that a straight line in joint space is clear: from the middle out, as far as each configuration vouches."""
 
 from __future__ import annotations
 

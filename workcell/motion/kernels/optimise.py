@@ -5,8 +5,9 @@ suffice there and the most that would still improve the best path; its parent is
 reached within that budget. So searching the configurations and the costs together is RRT-Connect again, and repeating
 it with every shorter path finds one as short as possible almost surely: Hauser and Zhou, "Asymptotically optimal
 planning by feasible kinodynamic planning in a state-cost space", 2016, for the principle; Wilson, Thomason, Kingston,
-Kavraki and Gammell, "AORRTC", 2025, for two trees and for parents that are looked for again. Samples are drawn where they
-can help at all, from the ellipsoids of Gammell, Srinivasa and Barfoot, "Informed RRT*", 2014, one around each goal.
+Kavraki and Gammell, "AORRTC", 2025, for two trees and for parents that are looked for again. Samples are drawn where
+they can help at all, from the ellipsoids of Gammell, Srinivasa and Barfoot, "Informed RRT*", 2014, one around each
+goal.
 """
 
 from __future__ import annotations
@@ -112,7 +113,7 @@ def _ellipsoids(trees: Costs, bound: float, weights: Array) -> float:
 
 @inner
 def _in_ellipsoid(trees: Costs, goal: int, bound: float, q: Array) -> None:
-    """A uniform draw from the configurations whose distances to start and goal add up to less than `bound`, into q (n,)."""
+    """A uniform draw into q (n,) from the configurations whose distances to start and goal sum to less than `bound`."""
     n, square = q.shape[0], 0.0
     for k in range(n):
         # Box and Muller's normal number
@@ -204,7 +205,7 @@ def _reach(
 def improve(
     body: Body, trees: Costs, bound: float, length: float, iterations: int, meeting: NDArray[np.int64]
 ) -> int:
-    """Grow both trees by up to `iterations` samples with steps of `length` radians, towards a path shorter than `bound`.
+    """Grow both trees by up to `iterations` samples with steps of `length` rad, to a path shorter than `bound`.
 
     JOINED: `meeting` (2,) holds the node of each tree where they met. OPEN: call again to go on.
     """

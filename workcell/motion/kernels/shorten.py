@@ -67,7 +67,7 @@ def _shortcut(
     tally: NDArray[np.int64],
     work: Room,
 ) -> int:
-    """Join two random points of the path by a line, if it is proved and shorter; the new count (the old: nothing done)."""
+    """Join two random points of the path by a line, if it is proved and shorter; the new count, or -1."""
     total = 0.0
     for row in range(count - 1):
         total += distance(path[row], path[row + 1])

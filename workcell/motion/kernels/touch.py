@@ -1,4 +1,4 @@
-"""Cheap looks at single configurations that spare proofs of what can't be proved: whether anything is too near there.
+"""Cheap looks at single configurations that spare proofs of what can't be proved: whether anything is too near.
 
 A yes is final. A no proves nothing: it says that a proof is worth its time.
 """

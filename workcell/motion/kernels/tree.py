@@ -1,4 +1,4 @@
-"""RRT-Connect (Kuffner and LaValle, 2000) from one start to any of many goals, with edges that are proved when they are added.
+"""RRT-Connect (Kuffner and LaValle, 2000) from one start to any of many goals, with edges proved when added.
 
 An edge ends before the first of a few samples that touches something. The smaller tree grows, so that a tree that is
 walled in gets the samples that it takes to come out. Nodes that keep failing draw samples from near by only (dynamic
@@ -117,7 +117,7 @@ def tilt_upright(body: Body, q: Array, work: Room) -> bool:
 def towards(
     body: Body, tally: NDArray[np.int64], here: Array, target: Array, length: float, q: Array, work: Room
 ) -> float:
-    """Into q (n,) a configuration at most `length` from `here` towards `target`, as far as samples of the way are clear.
+    """Into q (n,) a configuration at most `length` from `here` towards `target`, as far as samples of the way allow.
 
     Returns the share of the step that was made, if the way is proved; 1: all of it; 0: no step.
     """

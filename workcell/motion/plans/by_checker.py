@@ -1,10 +1,11 @@
-"""Collision-free joint motion between two configurations by any judge of single configurations: a line, or RRT-Connect.
+"""Collision-free joint motion by any judge of single configurations: a straight line, or RRT-Connect.
 
 RRT-Connect grows a tree from either end towards random configurations and towards each other (Kuffner and LaValle,
-"RRT-Connect: an efficient approach to single-query path planning", 2000). Edges are looked at by sampling while the trees
-grow, with some clearance to spare; the path is then shortcut, and proved clear over its whole length
-(`workcell.motion.proofs.on_model`). After a failed proof the search is repeated with samples twice as dense. Where spheres and pieces
-are known, the compiled `workcell.motion.plans.compiled` comes first; this is what remains where only the judge is known.
+"RRT-Connect: an efficient approach to single-query path planning", 2000). Edges are looked at by sampling while the
+trees grow, with some clearance to spare; the path is then shortcut, and proved clear over its whole length
+(`workcell.motion.proofs.on_model`). After a failed proof the search is repeated with samples twice as dense. Where
+spheres and pieces are known, the compiled `workcell.motion.plans.compiled` comes first; this is what remains where
+only the judge is known.
 """
 
 from __future__ import annotations

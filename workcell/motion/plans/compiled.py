@@ -1,7 +1,7 @@
-"""Compiled search for a path among spheres and convex obstacles: straight lines first, then RRT-Connect, then shortened.
+"""Compiled search for a path among spheres and convex obstacles: straight lines, RRT-Connect, then shortening.
 
-Every line of the result has been proved clear when it was made (`workcell.motion.kernels.line`); the whole path is proved
-once more at the end, for its margin.
+Every line of the result has been proved clear when it was made (`workcell.motion.kernels.line`); the whole path is
+proved once more at the end, for its margin.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ class Effort:
         cpu_s: CPU seconds to spend, at most; inf: only the iterations count, and the result depends on nothing else.
         shortcuts, pulls: of the path that was found (see `kernels.shorten`).
         optimise_s: CPU seconds to spend on shorter paths once there is one (`workcell.motion.plans.optimise`); 0: none.
-        optimise_iterations: samples to draw for that, at most; with `optimise_s` inf the result depends on nothing else.
+        optimise_iterations: samples to draw for that, at most; with `optimise_s` inf the result depends on nothing
+            else.
     """
 
     step: float = 1.0

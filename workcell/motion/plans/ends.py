@@ -1,4 +1,4 @@
-"""Starts and goals of a motion: whether they may be one, and the nearest configuration that may where they may not."""
+"""Starts and goals of a motion: whether they may be one, and the nearest configuration that may."""
 
 from __future__ import annotations
 
@@ -81,11 +81,11 @@ def nearest_free(
     allowed: Callable[[Array], bool] | None = None,
     seed: int = 0,
 ) -> Array | None:
-    """A configuration near q (n,), within the joint limits, with a clearance of `wanted` metres; None: none was found.
+    """A configuration near q (n,), within the limits, with a clearance of `wanted` metres; None: none was found.
 
-    Climbs the gradient of the clearance, else draws at random from growing boxes; then draws from smaller and smaller boxes
-    as long as that finds nearer ones, each moved back towards q as far as the clearance lasts. What is returned was
-    looked at. It is near (largest change of a joint), not proved nearest.
+    Climbs the gradient of the clearance, else draws at random from growing boxes; then draws from smaller and smaller
+    boxes as long as that finds nearer ones, each moved back towards q as far as the clearance lasts. What is returned
+    was looked at. It is near (largest change of a joint), not proved nearest.
 
     Args:
         allowed: what else it must meet; None: nothing.

@@ -50,7 +50,7 @@ class Goals:
         self.least = float("inf")
 
     def sample(self, cpu_s: float) -> None:
-        """As many from fresh seeds as there are, within so many CPU seconds; those with room to spare, if there are any.
+        """As many from fresh seeds as there are, within so many CPU seconds; those with room to spare, if any.
 
         The first solution of each seed is taken: later ones of a seed come along one self-motion curve and lie close
         to each other, where all of them may be walled in.

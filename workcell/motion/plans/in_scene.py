@@ -1,8 +1,8 @@
-"""Paths in a scene: searched for among spheres, compiled, and proved on the compiled MuJoCo model, which alone decides.
+"""Paths in a scene: searched for among spheres, compiled, and proved on the MuJoCo model, which alone decides.
 
 First the model itself is asked for the straight line to the nearest goal. Then the spheres: they contain the robot with
-some overshoot, which may close a gap that the robot fits through, so that they are tried without it as well, where a path
-is a guess until it is proved. Where both fail the compiled model itself is searched.
+some overshoot, which may close a gap that the robot fits through, so that they are tried without it as well, where a
+path is a guess until it is proved. Where both fail the compiled model itself is searched.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def plan_in_world(
     upright: Upright | None = None,
     seed: int = 0,
 ) -> PlanResult:
-    """A path from `q_start` (n,) to any of `q_goals` (k, n) or (n,), proved clear; the same seed gives the same path.
+    """A path from `q_start` (n,) to any of `q_goals` (k, n) or (n,), proved clear; same seed, same path.
 
     What the hand holds moves with it; the robot's own links keep clear of each other too.
 
@@ -194,7 +194,7 @@ def _clear_goals(world: PlanningWorld, goals: Array, upright: Upright | None) ->
 def _models(
     world: PlanningWorld, start: Array, goals: Array, settings: PlanSettings, upright: Upright | None
 ) -> Iterator[tuple[Body, Array]]:
-    """The robot as the kernels see it, by its cover and by the cover without its overshoot, and the goals clear there."""
+    """The robot as the kernels see it, by its cover and by that without its overshoot, and the goals clear there."""
     robot, cover = world.robot.robot, world.cover
     choices, bare = [(cover, settings.clearance)], cover.without_overshoot()
     if bare is not cover:

@@ -91,8 +91,8 @@ def optimise(
         effort: default: a second.
 
     Raises:
-        InputError: start, goals or path of the wrong shape, or not finite, or the path does not lead from the start to its
-            goal.
+        InputError: start, goals or path of the wrong shape, or not finite, or the path does not lead from the start
+            to its goal.
     """
     effort = effort or Effort(optimise_s=1.0)
     start, goals = checked_query(body, start, goals)

@@ -23,7 +23,10 @@ class PlanStatus(enum.Enum):
         """The status in words, with its remedy."""
         if self is PlanStatus.PLANNED:
             return "A path was found and proved clear over its whole length."
-        return "The budget was spent without a clear path. Raise the iterations, lower the clearance, or try another seed."
+        return (
+            "The budget was spent without a clear path. Raise the iterations, lower the clearance, "
+            "or try another seed."
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +43,8 @@ class PlanSettings:
         attempts: searches, each with samples twice as dense as the one before.
         optimise_s: CPU seconds to spend on shorter paths once there is one, where spheres and pieces are known
             (`plan_in_world`); 0: none.
-        optimise_iterations: samples to draw for that, at most; with `optimise_s` inf the result depends on nothing else.
+        optimise_iterations: samples to draw for that, at most; with `optimise_s` inf the result depends on nothing
+            else.
     """
 
     clearance: float = 0.0

@@ -30,7 +30,8 @@ FIRST_ITERATIONS, FIRST_LOOKS = 200_000, 30_000
 """Samples drawn and configurations looked at in the first round, at most: 0.1 s or so. Every further round has twice as
 many. Counts and not times, so that a slower machine finds the same path."""
 SAMPLING = 0.1
-"""CPU seconds of the first round in which sampling may look for goals, before the whole portfolio is asked; then doubled."""
+"""CPU seconds of the first round in which sampling may look for goals, before the whole portfolio is asked; then
+doubled."""
 KEEP = 0.5
 """Share of the clearance that the final proof asks for as its margin."""
 OPTIMISED = 500
@@ -46,15 +47,16 @@ class PosePlan:
     Attributes:
         status: SOLVED: there is a path, and its end was verified; UNREACHABLE, BLOCKED, BLOCKED_IN_MODEL: no
             configuration reaches the pose, with the certificate in `ik`; NOT_FOUND: the budget was spent.
-        path: (k, n) corners, straight lines between, from the start to a configuration that solves the problem; or None.
+        path: (k, n) corners, straight lines between, from the start to a configuration that solves the problem; or
+            None.
         proved: whether all of the path was proved clear.
         margin: metres of clearance that were proved; nan without a path.
         reason: what stood in the way, in words; empty when solved.
         ik: the last answer of inverse kinematics, where it has none or a proof that there is none.
         stats: CPU and wall seconds, samples drawn, lines tried, configurations looked at, goals; of a path its length
-            in radians (`length`), and, where it was optimised, the length before (`first_length`), the CPU seconds before
-            (`first_cpu_s`), the length of the straight line to the nearest goal known (`lower_bound`), which no path to
-            these goals is shorter than, and the samples drawn (`optimise_iterations`).
+            in radians (`length`), and, where it was optimised, the length before (`first_length`), the CPU seconds
+            before (`first_cpu_s`), the length of the straight line to the nearest goal known (`lower_bound`), which
+            no path to these goals is shorter than, and the samples drawn (`optimise_iterations`).
     """
 
     status: Status
@@ -93,8 +95,8 @@ def plan_to_pose(
     Args:
         budget: CPU seconds of this process, for goals, search and proof; default 5 s.
         upright: keep an axis of the tool within a cone all along.
-        effort: how the search goes; its own time limit is overruled. Its `optimise_s` comes on top of the budget: the path
-            gets shorter and shorter, to ever more goal configurations.
+        effort: how the search goes; its own time limit is overruled. Its `optimise_s` comes on top of the budget: the
+            path gets shorter and shorter, to ever more goal configurations.
 
     Raises:
         InputError: a start of the wrong size, not finite, outside its limits, in collision (which pair, how deep,

@@ -1,9 +1,9 @@
 """Whether a path that somebody claims is right: by kinematics and distances of its own, and a bound of its own.
 
 Nothing here is shared with the planners' kernels: links are placed by products of exponentials, distances are those of
-`workcell.ik.judge.exact`, and between the configurations that are looked at a sphere is bounded to first order: joint by joint
-from the sphere towards the base, a centre at distance d from an axis moves by at most `2 sin(h / 2) (d + r)` on top of
-the r that the joints before have moved it, while that joint stays within h of its value.
+`workcell.ik.judge.exact`, and between the configurations that are looked at a sphere is bounded to first order: joint
+by joint from the sphere towards the base, a centre at distance d from an axis moves by at most `2 sin(h / 2) (d + r)`
+on top of the r that the joints before have moved it, while that joint stays within h of its value.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from workcell.pose import Array
 START_TOLERANCE = 1e-6
 """Radians between a path's first configuration and the start."""
 UNSEEN = 1e-4
-"""Metres that the rigorous bound may leave open below zero, on short intervals alone; what is looked at must be clear."""
+"""Metres that the rigorous bound may leave open below zero, on short intervals alone; what is looked at must be
+clear."""
 _SHORT, _FINEST = 1e-5, 1e-7
 """Radians: intervals whose joints move less may use that tolerance, and are not halved further."""
 _BATCH = 256
@@ -51,7 +52,7 @@ class PathVerdict:
 
 
 def judge_path(problem: IKProblem, start: ArrayLike, path: ArrayLike) -> PathVerdict:
-    """Judge corners (k, n), joined by straight lines in joint space, as an answer to a problem of spheres and pieces.
+    """Judge corners (k, n), joined by straight joint lines, as an answer to a problem of spheres and pieces.
 
     Anything that is no path is refused with the reason, not raised.
 
@@ -160,7 +161,7 @@ class _PathProof:
         return middle, 0.5 * (b - a)[:, None] * np.abs(step)
 
     def _look(self, q: Array, half: Array) -> tuple[Array, Array, Array]:
-        """For configurations (k, n): each sphere's clearance, its nearest piece, and how far it may move; (k, m) each."""
+        """For configurations (k, n): each sphere's clearance, nearest piece, and how far it may move; (k, m) each."""
         R, p = self.links(q)
         link = self.cover.link
         centres = np.einsum("kmij,mj->kmi", R[:, link], self.cover.centre) + p[:, link]

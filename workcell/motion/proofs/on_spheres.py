@@ -1,4 +1,4 @@
-"""Continuous proof of a motion in the model of spheres and pieces: compiled, second order, for lines and polynomials.
+"""Continuous proof of lines and polynomials in the model of spheres and pieces: compiled, second order.
 
 The outer cover of a robot contains it, and the pieces are the obstacles: what is proved here holds for the true
 shapes, and the true clearance is at least the margin.
@@ -124,7 +124,8 @@ class CoverProver:
         if len(beyond):
             k = int(beyond[0])
             raise InputError(
-                f"{robot.joint_names[k]} slides to {largest[k]:.6g} m, outside [{robot.lower[k]:.6g}, {robot.upper[k]:.6g}]",
+                f"{robot.joint_names[k]} slides to {largest[k]:.6g} m, "
+                f"outside [{robot.lower[k]:.6g}, {robot.upper[k]:.6g}]",
                 where=where,
             )
 

@@ -1,7 +1,8 @@
 """Several arms that hold one object: a closed chain. The object's path is planned, and every arm follows it.
 
-Each arm's inverse kinematics runs by itself, with the tool where its own grasp has it on the object; the arms share one path
-parameter, so that one timing moves them all. What they may hit of each other is proved on the whole team's motion.
+Each arm's inverse kinematics runs by itself, with the tool where its own grasp has it on the object; the arms share
+one path parameter, so that one timing moves them all. What they may hit of each other is proved on the whole team's
+motion.
 """
 
 from __future__ import annotations
@@ -190,7 +191,7 @@ def carry(
     solver: str = "ikspark",
     seed: int = 0,
 ) -> TeamResult:
-    """Follow an object's path with all arms that hold it, and prove that they stay clear of each other and of the rest.
+    """Follow an object's path with all arms that hold it, and prove that they stay clear of each other and the rest.
 
     Args:
         team: the arms.
@@ -231,9 +232,10 @@ def _at_poses(path: Path, poses: Sequence[Pose]) -> Array:
 
 
 def prove_team(team: Team, path: Path, *, floor: float = 0.0, slack: Array | float = 0.0) -> Proof:
-    """Prove that a team's joint-linear path keeps its clearance above `floor` everywhere, as `prove_path` does for one arm.
+    """Prove that a team's joint-linear path keeps its clearance above `floor` everywhere.
 
-    Two arms may both move towards each other: a pair loses at most what all arms' points move together.
+    It is `prove_path` for several arms. Two arms may both move towards each other: a pair loses at most what
+    all arms' points move together.
 
     Args:
         team: the arms.
@@ -267,7 +269,10 @@ def prove_team(team: Team, path: Path, *, floor: float = 0.0, slack: Array | flo
 
 
 def prove_team_motion(team: Team, trajectory: Trajectory, *, floor: float = 0.0, every: int = 10) -> Proof:
-    """Prove a timed motion of the joined robot, over all of time: see `workcell.motion.proofs.on_model.trajectory_clearance`."""
+    """Prove a timed motion of the joined robot, over all of time.
+
+    See `workcell.motion.proofs.on_model.trajectory_clearance`.
+    """
     keep = np.unique(np.append(np.arange(0, len(trajectory), every), len(trajectory) - 1))
     largest = np.maximum.reduceat(PolynomialMotion.of_trajectory(trajectory).largest(2), keep[:-1], axis=0)
     slack = largest * np.diff(trajectory.time[keep])[:, None] ** 2 / 8

@@ -1,7 +1,8 @@
-"""The fastest motion along a curve: one backward and one forward pass over the phase plane (sd^2 over s), then averaged.
+"""The fastest motion along a curve: one backward and one forward pass over the phase plane, then averaged.
 
-The passes are the controllable sets of TOPP-RA (Pham and Pham, "A new approach to time-optimal path parameterization based
-on reachability analysis", 2018), in closed form for limits on velocities, accelerations and torques.
+The phase plane is that of sd^2 over s. The passes are the controllable sets of TOPP-RA (Pham and Pham, "A new
+approach to time-optimal path parameterization based on reachability analysis", 2018), in closed form for
+limits on velocities, accelerations and torques.
 """
 
 from __future__ import annotations
@@ -124,7 +125,7 @@ def fastest_squared_speed(s: Array, rows: PhaseRows, cap: Array) -> Array:
 
 
 def _accelerations(rows: PhaseRows) -> tuple[Array, Array, Array]:
-    """(g, m) bounds `low + slope x <= u <= high + slope x` of the rows that contain u; without bounds for the others."""
+    """(g, m) bounds `low + slope x <= u <= high + slope x` of the rows that contain u; none for the others."""
     acting = np.abs(rows.first) > _SMALLEST
     first = np.where(acting, rows.first, 1.0)
     ends = rows.low / first, rows.high / first
@@ -135,11 +136,12 @@ def _accelerations(rows: PhaseRows) -> tuple[Array, Array, Array]:
 def _starts(
     rows: PhaseRows, slope: Array, low: Array, high: Array, cap: Array, two_ds: Array
 ) -> tuple[Array, Array, Array]:
-    """The largest x from which some admissible u leads to `x + 2 ds u` in [0, x'], for every interval (g - 1 of them).
+    """The largest x from which some admissible u leads to `x + 2 ds u` in [0, x'], for each of g - 1 intervals.
 
-    It is the least of `fixed` (g - 1,) and of the lines `offset + gain x'` (g - 1, m) in the x' at the interval's end. Every
-    lower bound `l(x)` on u must stay below every upper bound `h(x)`; both are lines in x, so each pair gives one upper end
-    for x. The way into [0, x'] gives one more line of each kind, and a row without u bounds x alone.
+    It is the least of `fixed` (g - 1,) and of the lines `offset + gain x'` (g - 1, m) in the x' at the interval's
+    end. Every lower bound `l(x)` on u must stay below every upper bound `h(x)`; both are lines in x, so each pair
+    gives one upper end for x. The way into [0, x'] gives one more line of each kind, and a row without u bounds x
+    alone.
     """
     acting, second = np.isfinite(high), rows.second[:-1]
     alone = ~acting & (np.abs(second) > _SMALLEST)

@@ -1,8 +1,8 @@
-"""The fastest motion from rest to rest between two configurations, with bounded jerk: what robot controllers call PTP.
+"""The fastest motion from rest to rest between two configurations, with bounded jerk: PTP, as controllers say.
 
 Ruckig (Berscheid and Kroeger, "Jerk-limited Real-time Trajectory Generation with Arbitrary Target States", RSS 2021)
-times each joint; it is an extra, `pip install workcell[timing]`. Joints that share one s(t) move on a straight line in joint
-space, so that a proof of the line holds for the motion.
+times each joint; it is an extra, `pip install workcell[timing]`. Joints that share one s(t) move on a straight line
+in joint space, so that a proof of the line holds for the motion.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def point_to_point(
     straight: bool = True,
     dt: float = 0.002,
 ) -> Trajectory:
-    """The fastest jerk-limited motion from rest at `q_start` (n,) to rest at `q_goal` (n,), sampled every `dt` seconds.
+    """The fastest jerk-limited motion from rest at `q_start` (n,) to rest at `q_goal` (n,), a sample every `dt` s.
 
     Args:
         velocity, acceleration: (n,) or scalar largest absolute values; None: the robot's own.
@@ -44,7 +44,8 @@ def point_to_point(
         InputError: configurations outside the limits or equal, a limit that is zero, negative or not finite.
         WorkcellError: Ruckig is not installed.
     """
-    start, goal = robot.configuration(q_start, where="q_start"), robot.configuration(q_goal, where="q_goal")  # type: ignore[arg-type]
+    start = robot.configuration(q_start, where="q_start")  # type: ignore[arg-type]
+    goal = robot.configuration(q_goal, where="q_goal")  # type: ignore[arg-type]
     robot.check_limits(start, where="q_start")
     robot.check_limits(goal, where="q_goal")
     if np.array_equal(start, goal):

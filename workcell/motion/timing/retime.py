@@ -1,9 +1,10 @@
 """Timing of a path: smooth motion, at rest at both ends, within limits on velocity, acceleration and torque.
 
-Three steps. A C2 cubic spline through the waypoints over their joint-space chord length s (`workcell.motion.timing.spline`). The
-fastest s(t) under the limits (`workcell.motion.timing.phase_plane`). A moving average of s(t), which keeps the geometry and makes the
-acceleration continuous. Limits are then verified on a dense evaluation, and on the quintics that join the samples, and
-the whole motion is slowed down by the small factor that is missing.
+Three steps. A C2 cubic spline through the waypoints over their joint-space chord length s
+(`workcell.motion.timing.spline`). The fastest s(t) under the limits (`workcell.motion.timing.phase_plane`). A moving
+average of s(t), which keeps the geometry and makes the acceleration continuous. Limits are then verified on a dense
+evaluation, and on the quintics that join the samples, and the whole motion is slowed down by the small factor that is
+missing.
 """
 
 from __future__ import annotations
@@ -81,9 +82,9 @@ def retime(
         grid: intervals of the phase plane.
 
     Raises:
-        InputError: a limit that is zero, negative, NaN or (for the acceleration) infinite; a time step, width, distance or
-            number of intervals that is not positive; a path that does not move, or that runs so close to a joint limit
-            that no smooth motion through it keeps the limit.
+        InputError: a limit that is zero, negative, NaN or (for the acceleration) infinite; a time step, width,
+            distance or number of intervals that is not positive; a path that does not move, or that runs so close to
+            a joint limit that no smooth motion through it keeps the limit.
         TooWeakError: torques don't suffice to hold the arm (and what it carries) still somewhere on the path.
     """
     robot = path.robot
@@ -188,7 +189,7 @@ def _tool_speed(robot: Robot, q: Array, qd: Array) -> Array:
 
 
 def _excess(bounds: _Bounds, timing: Timing, dt: float) -> Array:
-    """By what factor, at least 1, the averaged motion exceeds a limit on acceleration or torque near each grid point."""
+    """By what factor, at least 1, the averaged motion exceeds an acceleration or torque limit near each grid point."""
     use = bounds.use(*bounds.spline.motion(*timing.sample(dt)))
     time = np.linspace(0.0, timing.duration, len(use))
     first = np.searchsorted(time, timing.time - dt)

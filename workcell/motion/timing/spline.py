@@ -1,4 +1,4 @@
-"""A C2 joint motion through waypoints: a cubic spline that stays near the straight lines and inside the joint limits."""
+"""A C2 joint motion through waypoints: a cubic spline that stays near the straight lines and inside the limits."""
 
 from __future__ import annotations
 
@@ -59,10 +59,11 @@ class JointSpline:
         return q, first, a * m0 + b * m1
 
     def extremes(self) -> tuple[Array, Array]:
-        """(k, n) smallest and largest value of each joint on each of the k intervals, where its derivative is zero too."""
+        """(k, n) smallest and largest value of each joint on each of k intervals, where its derivative is zero too."""
         h = np.diff(self.knots)[:, None] ** 2
         p0, p1, m0, m1 = self.points[:-1], self.points[1:], self.second[:-1], self.second[1:]
-        # dq/db = a b^2 + 2 c b + d along an interval, b from 0 to 1; its roots, without cancellation, are w / a and d / w
+        # dq/db = a b^2 + 2 c b + d along an interval, b from 0 to 1;
+        # its roots, without cancellation, are w / a and d / w
         a, c, d = h * (m1 - m0) / 2, h * m0 / 2, p1 - p0 - h * (2 * m0 + m1) / 6
         w = -(c + np.copysign(np.sqrt(np.maximum(c * c - a * d, 0.0)), c))
         found = [p0, p1]

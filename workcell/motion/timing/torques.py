@@ -188,7 +188,7 @@ class TorqueLimits:
         return TorqueLimits(dynamics, np.array(values))
 
     def along(self, q: Array, first: Array, second: Array, cap: Array) -> tuple[Array, Array, Array, Array]:
-        """Rows `low <= a sdd + b sd^2 <= high` (g, m), for joints with a limit, where the path has q, dq/ds and d2q/ds2.
+        """Rows `low <= a sdd + b sd^2 <= high` (g, m), for joints with a limit, at q, dq/ds and d2q/ds2.
 
         What it takes to hold still, and damping at the largest speed (its square is `cap`), is taken off the limits.
 
@@ -223,8 +223,8 @@ class TorqueLimits:
             row, joint = (int(i) for i in np.argwhere(over)[0])
             robot = self.dynamics.kinematics
             raise TooWeakError(
-                f"joint {robot.joint_names[joint]} needs {abs(still[row, joint]):.1f} N m to hold still on the path, and "
-                f"has {self.effort[joint]:.1f}",
+                f"joint {robot.joint_names[joint]} needs {abs(still[row, joint]):.1f} N m to hold still on the path, "
+                f"and has {self.effort[joint]:.1f}",
                 where="path",
                 remedy="carry less, or keep the load closer to the base",
             )

@@ -1,4 +1,4 @@
-"""Why no motion leads along a tool path: the pose where it ends, and whether that pose alone is the reason, with the proof."""
+"""Why no motion leads along a tool path: the pose where it ends, and whether that alone is why, with the proof."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ class Coroner:
     def impossible(self, rows: Iterable[int], q_before: Array) -> FollowResult | None:
         """The first pose, of those in rows, that is proved to have no configuration; None where none is.
 
-        The proof is about the real geometry where there is one, else about the conservative model. Proofs are about single
-        poses: of a pose with a tolerance nothing is proved.
+        The proof is about the real geometry where there is one, else about the conservative model. Proofs are about
+        single poses: of a pose with a tolerance nothing is proved.
         """
         in_model: FollowResult | None = None
         for row in rows if self.tolerance.exact else ():
@@ -64,7 +64,7 @@ class Coroner:
         return in_model
 
     def at(self, row: int, q_before: Array, detail: str = "") -> FollowResult:
-        """The path ends before a pose, the arm at `q_before` (n,); `detail` is what is known where the pose is possible."""
+        """The path ends before a pose, the arm at `q_before` (n,); `detail`: what is known if the pose is possible."""
         poses = 1 + len(nearby_poses(self.poses[row], self.tolerance, 1.0, 1.0))
         share = Budget(DIAGNOSIS.cpu_s / poses)
         answer = Tolerant(step_solver(self.solver, share, self.seed), self.tolerance)

@@ -1,4 +1,6 @@
-"""Follow a tool path with continuous joint motion (arXiv IKSPARK, section VIII), and check what lies between waypoints.
+"""Follow a tool path with continuous joint motion, and check what lies between waypoints.
+
+After IKSPARK (arXiv), section VIII.
 
 Pose by pose, the next configuration is an IK problem that carries a continuity constraint: each joint within
 `max_step` of the previous configuration, each link's world rotation within `max_link_rotation` of the previous one
@@ -6,8 +8,8 @@ Pose by pose, the next configuration is an IK problem that carries a continuity 
 straight path and the clearance along the whole joint-linear segment are checked, and the spacing refined where the
 deviation is too large.
 
-The steps are IKSPARK's, or local ones (`workcell.motion.tool_paths.steps`) with IKSPARK where they fail. From which configuration
-to start is the choice of `workcell.motion.tool_paths.route`.
+The steps are IKSPARK's, or local ones (`workcell.motion.tool_paths.steps`) with IKSPARK where they fail. From which
+configuration to start is the choice of `workcell.motion.tool_paths.route`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """A layered graph of configurations along a tool path: which start leads all the way.
 
 Some poses of the path are layers. A node is a configuration at a layer that was reached by continuous local tracking
-from a node of the layer before (`workcell.motion.tool_paths.tracker`); an edge is that motion. From each node tracking goes on freely
-(away from limits, singularities and obstacles). So whatever route the graph holds is continuous; the cheapest is wanted.
+from a node of the layer before (`workcell.motion.tool_paths.tracker`); an edge is that motion. From each node
+tracking goes on freely (away from limits, singularities and obstacles). So whatever route the graph holds is
+continuous; the cheapest is wanted.
 """
 
 from __future__ import annotations
@@ -127,7 +128,7 @@ class RouteSearch:
         return Routes(complete, ends, self.nodes, self.edges)
 
     def _onwards(self, origin: _Node, before: int, row: int) -> _Node | None:
-        """The node of the next layer that one node leads to; None, and a dead end, where tracking doesn't get there clear."""
+        """The node of the next layer that one node leads to, if tracking gets there clear; else None, a dead end."""
         self.edges += 1
         poses = self.poses[before + 1 : row + 1]
         tracked = self.tracker.track_anyhow(poses, origin.q)
@@ -159,7 +160,7 @@ class RouteSearch:
 
 
 def dearness(robot: Robot, q: Array, clearance: Array) -> Array:
-    """(k,) what a radian costs at configurations (k, n) with that much clearance (k,): 1, or more near what to avoid."""
+    """(k,) what a radian costs at configurations (k, n) with that clearance (k,): 1, more near what to avoid."""
     near = np.stack(
         [
             _COMFORT[0] / np.maximum(limit_distance(robot, q), 1e-9),

@@ -1,7 +1,8 @@
-"""Where no route of the graph can be followed: the proof that a pose is impossible, or everything that can be reached.
+"""Where no route of the graph can be followed: a proof that a pose is impossible, or all that can be reached.
 
 A proof comes first, since it ends the search. Then all that continuous motions reach is looked through
-(`workcell.motion.tool_paths.layers`), and what can be followed of it is; at last the convex solver is asked where the graph ended.
+(`workcell.motion.tool_paths.layers`), and what can be followed of it is; at last the convex solver is asked where the
+graph ended.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ class LastResort:
         return self.query.follow(self.local, end.motion, poses) if len(poses) > 1 else None
 
     def _sheet(self) -> Sheet:
-        """Everything that continuous motions reach from the starts, or from any; the tool waits only where it has to."""
+        """Everything that continuous motions reach from the starts, or any; the tool waits only where it has to."""
         query, free = self.query, self.free_start
         starts = self.starts
         if free:
@@ -86,7 +87,7 @@ class LastResort:
         return sheet
 
     def _cheapest(self, sheet: Sheet) -> tuple[Array | None, bool]:
-        """The cheapest motion (k, n) as far as the sheet goes, every edge of it proved; whether one may begin at all."""
+        """The cheapest motion (k, n) as far as the sheet goes, every edge proved; whether one may begin at all."""
         if len(sheet.layers) < 2:
             return None, True
         begins = self.query.begins if sheet.complete else None

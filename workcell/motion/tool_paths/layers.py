@@ -1,11 +1,11 @@
-"""All configurations along a tool path that continuous motions reach, in layers: the self-motion explored as well.
+"""All configurations along a tool path that continuous motions reach, in layers: self-motion explored as well.
 
-The solutions of each pose form curves (or surfaces) in joint space. Nodes lie on them about a fixed distance apart. From
-every node the arm moves on to the next pose, straight and turned a little to every side along its self-motion where no
-node is near already, so that a layer holds whatever can be reached in the sphere model. Neighbours in consecutive
-layers are joined; of the paths in that ladder the cheapest is taken, its edges are checked, and without those that fail
-the next cheapest, until one holds (edges are checked when they are wanted only: the lazy roadmap of Bohlin and Kavraki,
-ICRA 2000).
+The solutions of each pose form curves (or surfaces) in joint space. Nodes lie on them about a fixed distance apart.
+From every node the arm moves on to the next pose, straight and turned a little to every side along its self-motion
+where no node is near already, so that a layer holds whatever can be reached in the sphere model. Neighbours in
+consecutive layers are joined; of the paths in that ladder the cheapest is taken, its edges are checked, and without
+those that fail the next cheapest, until one holds (edges are checked when they are wanted only: the lazy roadmap of
+Bohlin and Kavraki, ICRA 2000).
 """
 
 from __future__ import annotations
@@ -40,7 +40,10 @@ Begins = Callable[[Array], bool]
 
 @dataclass(frozen=True, slots=True)
 class Layer:
-    """Configurations (k, n) at one pose, how dear each is (k,), and edges (3, e): row before, row here; with their lengths."""
+    """Configurations (k, n) at one pose, how dear each is (k,), and edges with their lengths.
+
+    An edge is a column of `edges` (2, e): its row in the layer before, and its row here.
+    """
 
     pose: Pose
     q: Array

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from workcell.kernels.structures import World
 
 ROOM, GENEROUS = 1e-3, 6e-3
-"""Metres of clearance beyond what is asked for that waypoints keep where they can: what lies between them needs some."""
+"""Metres of clearance beyond what is asked for that waypoints keep where they can: what lies between them needs
+some."""
 _SAMPLES = 200
 """Configurations that tell which pairs of spheres always touch."""
 _pairs = ByIdentity()
@@ -29,7 +30,8 @@ def worlds(template: IKProblem, keep: float) -> list[World]:
     """Models to track in, from the most careful to the boldest, for a clearance of `keep` metres.
 
     An outer cover may forbid what the true shape allows: where the template has a checker of its own, which decides,
-    its spheres are tried without their overshoot as well. They no longer contain the robot, so with more clearance first.
+    its spheres are tried without their overshoot as well. They no longer contain the robot, so with more clearance
+    first.
     """
     outer = pack_world(_with_pairs(template, template.cover))
     made = [outer._replace(required=keep + ROOM)]

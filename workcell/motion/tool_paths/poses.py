@@ -66,7 +66,7 @@ class PathTolerance:
         return np.concatenate([np.asarray(self.position), rotation])
 
     def coordinates(self, pose: Pose, actual: Pose) -> Array:
-        """(6,) position (metres) and rotation vector (radians) of the tool at `actual` from `pose`, in the frame's axes."""
+        """(6,) position (m) and rotation vector (rad) of the tool at `actual` from `pose`, in the frame's axes."""
         R, now = pose.rotation, actual.rotation
         apart = actual.position - pose.position
         if self.frame == "tool":
@@ -125,9 +125,10 @@ def line(start: Pose, end: Pose, spacing: float = 0.02, spacing_rad: float = 0.1
 
 
 def turned(pose: Pose, count: int, near: Pose) -> list[Pose]:
-    """A pose turned about its own z axis by each of `count` equal parts of a whole turn; the one turned least from `near` first.
+    """A pose turned about its own z axis by each of `count` equal parts of a whole turn.
 
-    A gripper may hold a round or many-sided object at any of them.
+    The one turned least from `near` comes first. A gripper may hold a round or many-sided object at any of
+    them.
 
     Raises:
         InputError: a count below one.

@@ -1,4 +1,7 @@
-"""What is asked of `workcell.motion.tool_paths.route`, and what its ways of answering share: starts, and motions followed in full."""
+"""What is asked of `workcell.motion.tool_paths.route`, and what its ways of answering share.
+
+They share starts, and motions followed in full.
+"""
 
 from __future__ import annotations
 

@@ -1,9 +1,10 @@
-"""Reach a goal pose along a tool path: directly from where the robot stands, or by way of other goal configurations.
+"""Reach a goal pose along a tool path: directly from where the robot stands, or by other goal configurations.
 
 A tool path that is followed from one given configuration may run into a joint limit half-way (continuity leaves no
-second choice). Then the goal's inverse kinematics is solved again, with other seeds; each solution is followed backwards
-out along the path, and the place where it comes out is connected to the start by a collision-free joint motion. Where
-several tool paths would do, such as one for each grasp that an object allows, one that needs no such detour comes first.
+second choice). Then the goal's inverse kinematics is solved again, with other seeds; each solution is followed
+backwards out along the path, and the place where it comes out is connected to the start by a collision-free joint
+motion. Where several tool paths would do, such as one for each grasp that an object allows, one that needs no such
+detour comes first.
 """
 
 from __future__ import annotations
@@ -46,8 +47,8 @@ class ReachResult:
     Attributes:
         path: from the start to the last pose, proved clear between waypoints; None when none was found.
         how: in words, for a log.
-        ik: the solver's answer about a goal: of a path's own; without a path the most hopeful one, so that it is a proof only
-            where every goal is proved out of reach; None when it was not asked.
+        ik: the solver's answer about a goal: of a path's own; without a path the most hopeful one, so that it is a
+            proof only where every goal is proved out of reach; None when it was not asked.
         failures: why each way failed, in words.
     """
 
@@ -77,7 +78,8 @@ def reach(
         q_start: (n,) where the robot stands.
         ways: one or more lists of two or more tool poses, from the mouth of the narrow way to the goal.
         limits: what the motion keeps.
-        upright: keep an axis of the tool within a cone all along, joint motions included; None: it may turn as it likes.
+        upright: keep an axis of the tool within a cone all along, joint motions included; None: it may turn as it
+            likes.
         solver: of every IK problem.
         seed: same seed, same path.
         tries: goal configurations of one way to try when the direct ways fail.
@@ -123,7 +125,7 @@ class _Query:
     seed: int
 
     def directly(self, q_start: Array) -> tuple[Path | None, str]:
-        """Straight to the mouth of the narrow way and in, without leaving the configurations that begin at the start."""
+        """Straight to the mouth of the narrow way and in, within the configurations that begin at the start."""
         poses = (*line(self.world.robot.robot.fk(q_start), self.inward[0]), *self.inward[1:])
         # this way may well end at a joint limit, and there are others: not worth a long search at every step
         limits = replace(self.limits, max_halvings=min(self.limits.max_halvings, _DIRECT_HALVINGS))

@@ -1,10 +1,11 @@
 """Follow a tool path from whichever configuration leads all the way: a global choice, then every step verified.
 
-Configurations of the first pose are sampled (`workcell.ik.diverse.solutions`), tracked through the path in a layered graph
-(`workcell.motion.tool_paths.graph`), from the other end too where that fails. The cheapest route is then followed pose by pose with
-`workcell.motion.tool_paths.follow`, which verifies every waypoint and proves what lies between; where a step of it fails, the convex
-solver is asked. Where no route leads all the way, everything that continuous motions reach is looked through
-(`workcell.motion.tool_paths.layers`), unless the pose where they end is proved to have no configuration (`workcell.motion.tool_paths.diagnosis`).
+Configurations of the first pose are sampled (`workcell.ik.diverse.solutions`), tracked through the path in a layered
+graph (`workcell.motion.tool_paths.graph`), from the other end too where that fails. The cheapest route is then
+followed pose by pose with `workcell.motion.tool_paths.follow`, which verifies every waypoint and proves what lies
+between; where a step of it fails, the convex solver is asked. Where no route leads all the way, everything that
+continuous motions reach is looked through (`workcell.motion.tool_paths.layers`), unless the pose where they end is
+proved to have no configuration (`workcell.motion.tool_paths.diagnosis`).
 """
 
 from __future__ import annotations
@@ -143,7 +144,7 @@ def _first_followed(
     follow_motion: Callable[[Array], FollowResult],
     tried: list[str],
 ) -> FollowResult | None:
-    """The first motion (start, configurations) that can be followed, or the one that gets furthest; None: none begins."""
+    """The first motion (start, configurations) that can be followed, or the furthest; None: none begins."""
     best: FollowResult | None = None
     left = VERIFIED
     for start, motion in motions:

@@ -1,4 +1,4 @@
-"""Configurations along self-motions, a fixed distance apart: steps that leave the tool where it is, and what is new."""
+"""Configurations along self-motions, a fixed distance apart: steps that keep the tool in place, and what is new."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Rows = NDArray[np.int64]
 
 
 def sideways(robot: Robot, tolerance: PathTolerance, pose: Pose, q: Array) -> list[Array]:
-    """Steps (k, n) along each direction, to either side, that leaves the tool's coordinates without tolerance as they are."""
+    """Steps (k, n), to either side, in each direction that keeps the tool's coordinates without tolerance."""
     if not len(q):
         return []
     J = robot.jacobian(q)

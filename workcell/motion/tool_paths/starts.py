@@ -1,4 +1,4 @@
-"""Configurations to begin a tool path with: sampled ones, those near where the robot stands, and whole turns of joints."""
+"""Configurations to begin a tool path with: sampled, near where the robot stands, and by whole turns of joints."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from workcell.pose import Array
 
 
 def turned_towards(robot: Robot, q: ArrayLike, near: ArrayLike) -> Array:
-    """The configuration `q` (n,) with each revolute joint moved by whole turns to where it is nearest to `near` (n,).
+    """The configuration `q` (n,), each revolute joint moved by whole turns to where it is nearest to `near` (n,).
 
     Every link stays where it is. A joint whose nearest turn is beyond its limits keeps its value.
     """

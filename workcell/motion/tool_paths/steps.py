@@ -1,4 +1,7 @@
-"""Steps of a tool path: local ones first, the convex solver where they fail, and solvers of poses for paths with a tolerance."""
+"""Steps of a tool path: local ones first, the convex solver where they fail.
+
+Beside them solvers of poses for paths with a tolerance (`Tolerant`).
+"""
 
 from __future__ import annotations
 
@@ -84,7 +87,7 @@ class LocalSolver:
 
 
 def accepted(problem: IKProblem, q: Array, tolerance: PathTolerance) -> IKResult | None:
-    """The result for `q` (n,), judged at the nearest pose that the tolerance allows; None where the judge refuses it."""
+    """The result for `q` (n,), judged at the nearest pose that the tolerance allows; None where it is refused."""
     pose = tolerance.allowed(problem.target, problem.robot, q)
     verdict = Verifier(problem if pose is problem.target else replace(problem, target=pose))(q)
     if not verdict.accepted:

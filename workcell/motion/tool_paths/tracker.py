@@ -1,8 +1,8 @@
-"""Fast local tracking: from waypoint to waypoint by small quadratic programs, with the convex solver where they fail.
+"""Fast local tracking: from waypoint to waypoint by small quadratic programs, the convex solver where they fail.
 
 Each program moves the tool onto the path within its tolerance, keeps joint limits, the largest step and every clearance
-of the sphere model, and spends the motions that leave the tool where it is on clearance, manipulability and distance from
-joint limits. Configurations count only once the judge has accepted them (`workcell.motion.tool_paths.steps`).
+of the sphere model, and spends the motions that leave the tool where it is on clearance, manipulability and distance
+from joint limits. Configurations count only once the judge has accepted them (`workcell.motion.tool_paths.steps`).
 """
 
 from __future__ import annotations
@@ -68,7 +68,8 @@ class Aside:
     """What the arm does beside the path, in the motions that leave the tool where it is.
 
     Attributes:
-        limits, singularities, obstacles: gains (radians a waypoint) of the gradients away from each; 0 switches one off.
+        limits, singularities, obstacles: gains (radians a waypoint) of the gradients away from each; 0 switches one
+            off.
         distance: metres of clearance below which an obstacle repels.
         longest: radians in any joint that one waypoint may add to the motion that the path needs.
     """
@@ -213,7 +214,7 @@ class LocalTracker:
         return len(self._worlds)
 
     def manipulability(self, poses: Sequence[Pose], q: Array) -> Array:
-        """(k,) sqrt(det(J J^T)) of the coordinates without tolerance at each q (k, n) and its pose; radians weigh 0.3 m."""
+        """(k,) sqrt(det(J J^T)) of the coordinates without tolerance at each q (k, n) and pose; 1 rad weighs 0.3 m."""
         out = np.empty(len(q))
         _kernels().volumes(self._arm, frames(poses), self._box, np.array(q), out)
         return out

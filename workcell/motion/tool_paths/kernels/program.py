@@ -1,4 +1,4 @@
-"""One program of a tool path's tracking: the nearest motion to a wish that keeps the tool and everything else in bounds.
+"""One program of a tool path's tracking: the motion nearest to a wish that keeps tool and all else in bounds.
 
 The solution of
 
@@ -7,8 +7,8 @@ The solution of
                             gap + gap' dq >= the clearance to keep, for every pair that is near,
                             joint limits and the largest step,
 
-where x are the tool's coordinates from its target in the tolerance's axes, a their rates, and d the wish. Equalities are
-solved in closed form; the rest by Hildreth's method on the dual, in their null space.
+where x are the tool's coordinates from its target in the tolerance's axes, a their rates, and d the wish. Equalities
+are solved in closed form; the rest by Hildreth's method on the dual, in their null space.
 """
 
 from __future__ import annotations

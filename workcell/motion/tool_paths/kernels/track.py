@@ -1,4 +1,7 @@
-"""Fast local tracking of a tool path, from waypoint to waypoint by small programs (see `workcell.motion.tool_paths.tracker`)."""
+"""Fast local tracking of a tool path, from waypoint to waypoint by small programs.
+
+See `workcell.motion.tool_paths.tracker`.
+"""
 
 from __future__ import annotations
 
@@ -70,7 +73,7 @@ def _wish(
     q: Array,
     space: Room,
 ) -> None:
-    """What the arm would like to do beside the path at q (n,), at most `allowed` radians in any joint; into space.wish."""
+    """What the arm would like to do beside the path at q (n,), at most `allowed` rad in any joint; to space.wish."""
     n, wish = q.shape[0], space.wish
     for k in range(n):
         half = 0.5 * (arm.bounds[1, k] - arm.bounds[0, k])
@@ -110,7 +113,7 @@ def _settle(
     q: Array,
     space: Room,
 ) -> tuple[int, float, float]:
-    """Programs from q (n,), in place, until the tool is at its target and everything clear; code, error and clearance."""
+    """Programs from q (n,), in place, until the tool is at its target and all clear; code, error and clearance."""
     n = q.shape[0]
     work = space.work
     error, gap = 1e300, -1e300

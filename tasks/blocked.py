@@ -1,4 +1,4 @@
-"""A UR10 is asked for a block under a beam that leaves no room for its hand: a proof why it can't be done, and a picture.
+"""A UR10 is asked for a block under a beam that leaves no room for its hand: a proof, and a picture of why.
 
 Nothing moves. The recording shows what is in the way (red), and the arm as near to the block as it gets (orange).
 """

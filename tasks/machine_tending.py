@@ -1,7 +1,8 @@
 """A UR10 loads the chuck of a lathe, through its door, with a blank from a rack.
 
 Everything is planned before anything moves: to the rack, through the door into the open jaws, and out again. Then the
-plan is executed; the chuck closes while the hand still holds the blank, and has to hold it alone once the hand has gone.
+plan is executed; the chuck closes while the hand still holds the blank, and has to hold it alone once the hand has
+gone.
 """
 
 from workcell import FollowLimits, Job, PlanningWorld, Pose, actuated, line

@@ -1,4 +1,4 @@
-"""What all tests share: compiled kernels, no deadlines on noisy machines, and none reads or writes the user's own cache."""
+"""What all tests share: compiled kernels, no deadlines on noisy machines, and none touches the user's own cache."""
 
 import subprocess
 import sys

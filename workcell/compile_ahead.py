@@ -19,7 +19,8 @@ TRACKING = "workcell.motion.tool_paths.tracker"
 PLANNING = "workcell.motion.plans.compiled"
 SAMPLING = "workcell.ik.hjcd.solver"
 DECIDING = "workcell.ik.branch.solver"
-"""Modules with a function `prepare_kernels()`, which calls what it compiles once, and `kernels_ready()`, which is quick."""
+"""Modules with a function `prepare_kernels()`, which calls what it compiles once, and `kernels_ready()`, which is
+quick."""
 
 
 class _Ahead:

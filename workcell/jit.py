@@ -1,5 +1,6 @@
-"""How kernels are compiled. Importing this module imports numba: only modules of kernels do so, and they are imported
-when first used.
+"""How kernels are compiled; importing this module imports numba.
+
+Only modules of kernels do so, and they are imported when first used.
 
 numba compiles on the first call and caches to disk: in `__pycache__` beside the sources, or in the user's cache folder
 where that is read-only; `NUMBA_CACHE_DIR` overrides both.
@@ -47,7 +48,7 @@ event.register("numba:compile", _clock)
 
 
 def compile_seconds() -> float:
-    """Wall seconds that this process has spent on compiling kernels so far; loading them from the cache is none of it."""
+    """Wall seconds that this process has spent on compiling kernels; loading them from the cache is none of it."""
     return float(_clock.duration) if _clock.done else 0.0
 
 
@@ -90,9 +91,10 @@ def _compiled(function: Any, **options: object) -> Any:
 
 
 def _stamped(compiled: Any, module: str) -> Any:
-    """Let a cached kernel go stale with every module that its own imports, directly or not: numba looks at the kernel's
-    own file only, not at those it calls into. There is no public way to say so; without the attribute numba's own rule
-    holds.
+    """Let a cached kernel go stale with every module that its own imports, directly or not.
+
+    numba looks at the kernel's own file only, not at those it calls into. There is no public way to say so;
+    without the attribute numba's own rule holds.
     """
     known: Any = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
     file = getattr(sys.modules.get(module), "__file__", None)
@@ -105,8 +107,9 @@ def _stamped(compiled: Any, module: str) -> Any:
 class KernelFile(IndexDataCacheFile):  # type: ignore[misc]
     """A kernel's file in the cache, for several processes that compile at the same time.
 
-    numba's own numbers the overloads of a kernel, so that two processes may give one number to two of them, and one would
-    be called in place of the other. Here a file is named after what is in it, and is whole before the index names it.
+    numba's own numbers the overloads of a kernel, so that two processes may give one number to two of them, and one
+    would be called in place of the other. Here a file is named after what is in it, and is whole before the index
+    names it.
     """
 
     def save(self, key: object, data: object) -> None:

@@ -1,11 +1,11 @@
 """Cuts a concave mesh into convex pieces with coacd, and measures how well pieces fill the mesh.
 
     python assets/objects/decompose.py                     compare for the mug and the cup (40 s)
-    python assets/objects/decompose.py MESH --out FOLDER   cut any watertight mesh of yours into FOLDER/<mesh>_piece_00.stl ...
+    python assets/objects/decompose.py MESH --out FOLDER   cut your watertight mesh into FOLDER/<mesh>_piece_00.stl ...
 
-Settings: coacd's `threshold` is the concavity that a piece may keep (a share of the mesh's size); a lower one gives more,
-tighter pieces. Its search is seeded and repeatable. Preprocessing (a remesh for meshes that are not manifold) is off: it
-would move the surface, and the meshes here are manifold.
+Settings: coacd's `threshold` is the concavity that a piece may keep (a share of the mesh's size); a lower one gives
+more, tighter pieces. Its search is seeded and repeatable. Preprocessing (a remesh for meshes that are not manifold)
+is off: it would move the surface, and the meshes here are manifold.
 
 Measured by this script, two cores; volume is that of the pieces' union over the true volume, overshoot the furthest
 that a piece stands out of the true surface, gap the furthest that a point of the true surface lies outside all pieces:
@@ -18,8 +18,8 @@ that a piece stands out of the true surface, gap the furthest that a point of th
     cup     coacd 0.05          19    1.123          1.78    0.82
     cup     coacd 0.02          50    1.027          0.51    0.16
 
-At the same count, the pieces that `make_meshes.py` cuts by construction are the tighter ones, and they leave no gaps: the
-objects use those. coacd is for meshes that have no construction.
+At the same count, the pieces that `make_meshes.py` cuts by construction are the tighter ones, and they leave no gaps:
+the objects use those. coacd is for meshes that have no construction.
 """
 
 from __future__ import annotations
@@ -106,7 +106,8 @@ def compare(names: Sequence[str] = ("mug", "cup")) -> None:
         for label, pieces in rows:
             fit = measure(solid, pieces)
             print(
-                f"{name:8}{label:16}{fit.pieces:6d}{fit.volume_ratio:9.3f}{1e3 * fit.overshoot:14.2f}{1e3 * fit.gap:8.2f}"
+                f"{name:8}{label:16}{fit.pieces:6d}{fit.volume_ratio:9.3f}"
+                f"{1e3 * fit.overshoot:14.2f}{1e3 * fit.gap:8.2f}"
             )
 
 

@@ -35,7 +35,7 @@ Points = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Handle:
-    """A tube along half a superellipse |x/reach|^n + |z/half_height|^n = 1 in the plane y = 0, open towards the wall."""
+    """A tube along half a superellipse |x/reach|^n + |z/half_height|^n = 1 in the plane y = 0, open to the wall."""
 
     reach: float
     half_height: float
@@ -112,7 +112,7 @@ def revolve(profile: Points, angles: Points) -> Points:
 
 
 def handle_rings(vessel: Vessel, handle: Handle) -> Points:
-    """Cross-sections of the handle, (rings, TUBE_SEGMENTS, 3), evenly spaced along the tube; both ends lie in the wall."""
+    """Cross-sections of the handle, (rings, TUBE_SEGMENTS, 3), evenly spaced along it; both ends lie in the wall."""
     turn = np.linspace(-np.pi / 2, np.pi / 2, 4001)
     power = 2 / handle.exponent
     x = vessel.outer_radius(handle.centre_z) - vessel.wall / 2 + handle.reach * np.cos(turn) ** power

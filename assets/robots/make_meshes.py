@@ -75,7 +75,7 @@ def barrel(
 
 
 def dome(start: ArrayLike, end: ArrayLike, radius: float, share: float = 1.0) -> trimesh.Trimesh:
-    """A cylinder from `start` that ends at `end` in a half ball; `share` < 1: only that share of the half ball's angle."""
+    """A cylinder from `start` that ends at `end` in a half ball; `share` < 1: only that share of its angle."""
     length = float(np.linalg.norm(np.subtract(end, start)))
     turn = np.linspace((1 - share) * np.pi / 2, np.pi / 2, 7)
     cap = [(length - radius * (1 - np.sin(t)), max(radius * np.cos(t), 1e-4)) for t in turn]
@@ -92,9 +92,10 @@ def disc(start: ArrayLike, end: ArrayLike, radius: float) -> trimesh.Trimesh:
 def tube(
     path: Sequence[tuple[float, float]], half_x: Sequence[float], half_normal: Sequence[float]
 ) -> trimesh.Trimesh:
-    """An ellipse swept along a smooth path through points (y, z): half width along x, half thickness across the path.
+    """An ellipse swept along a smooth path through points (y, z).
 
-    The points are joined by a monotone parameter and cubic interpolation, so that a few of them make a round bend.
+    Half width along x, half thickness across the path. The points are joined by a monotone parameter and
+    cubic interpolation, so that a few of them make a round bend.
     """
     knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     at = np.linspace(0, knots[-1], 13)

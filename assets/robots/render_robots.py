@@ -1,4 +1,4 @@
-"""Draws the contact sheet of the robots: home pose from two sides, and once more with the collision geometry over it.
+"""Draws the contact sheet of the robots: home pose from two sides, and again under the collision geometry.
 
     MUJOCO_GL=egl python assets/robots/render_robots.py [docs/images/robots.png]
 

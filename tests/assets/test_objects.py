@@ -1,4 +1,4 @@
-"""The mug, the cup and the shelf cell: true shapes, pieces that leave their openings free, a cell that stands still."""
+"""The mug, the cup and the shelf cell: true shapes, pieces that leave openings free, a cell that stands still."""
 
 from __future__ import annotations
 

@@ -24,7 +24,8 @@ def compile_world(body: str, asset: str = ""):
 
 def test_only_what_collides_counts():
     model = compile_world(
-        '<geom name="seen" type="box" size="1 1 1" contype="0" conaffinity="0"/><geom name="hit" type="sphere" size="1"/>'
+        '<geom name="seen" type="box" size="1 1 1" contype="0" conaffinity="0"/>'
+        '<geom name="hit" type="sphere" size="1"/>'
     )
     assert [piece.name for piece in pieces_of_bodies(model, [0])] == ["hit"]
 
@@ -133,7 +134,8 @@ _KINDS = {
     "ellipsoid": '<geom name="g" type="ellipsoid" size=".05 .04 .03"/>',
     "hull": '<geom name="g" type="mesh" mesh="open"/>',
     "prisms": '<geom name="g" type="hfield" hfield="h"/>',
-    "composite": '<geom name="g" type="box" size=".02 .04 .01"/><geom type="capsule" size=".01" fromto="0 0 0 0 0 .1"/>',
+    "composite": '<geom name="g" type="box" size=".02 .04 .01"/>'
+    '<geom type="capsule" size=".01" fromto="0 0 0 0 0 .1"/>',
 }
 
 

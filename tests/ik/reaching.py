@@ -18,7 +18,7 @@ MOST_MOVED = 1e-2
 def assert_reached(
     solver: Callable[..., Candidate], problem: IKProblem, seed: int = 0, **options: bool
 ) -> np.ndarray:
-    """The solver's configuration: accepted by the judge, and read from a point of rank one unless it searched locally."""
+    """The solver's configuration: accepted by the judge, and read from a point of rank one unless found locally."""
     candidate = solver(problem, Budget(10.0), seed, **options)
     assert candidate.certificate is None and candidate.error is None
     assert candidate.q is not None, candidate.rejected

@@ -133,7 +133,11 @@ def test_a_budget_of_zero_finds_nothing(solver):
 def test_long_chains_with_sliding_joints(dof):
     rng = np.random.default_rng(dof)
     robot = random_arm(rng, dof, sliding=True)
-    robot = replace(robot, lower=np.where(robot.prismatic, -0.2, robot.lower), upper=np.where(robot.prismatic, 0.2, robot.upper))  # fmt: skip
+    robot = replace(
+        robot,
+        lower=np.where(robot.prismatic, -0.2, robot.lower),
+        upper=np.where(robot.prismatic, 0.2, robot.upper),
+    )
     targets = [robot.fk(q) for q in robot.random_configuration(rng, 10)]
     solution = solve_batch(robot, targets, seed=1)
     assert solution.residual.max() < 1e-8

@@ -1,4 +1,4 @@
-"""The one entry: only the judge awards SOLVED, only a certificate that holds a "no", and nothing numerical escapes."""
+"""The one entry: only the judge awards SOLVED, only a certificate holds a "no", and nothing numerical escapes."""
 
 from dataclasses import replace
 

@@ -89,7 +89,7 @@ def test_a_log_keeps_the_first_and_the_last_stages_and_adds_up_those_between() -
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_cuboids_that_ikspark_assigns_hold_the_spheres(seed: int) -> None:
-    """Cuboids around a known configuration, and an ascent that begins there: each sphere is in the one it is said to be in."""
+    """Cuboids around a known configuration, and an ascent that begins there: each sphere is in the one it says."""
     robot, rng = seven_axis(), np.random.default_rng(seed)
     q = rng.uniform(-1.2, 1.2, robot.dof)
     cover = beads(robot, 0.04)

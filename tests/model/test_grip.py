@@ -142,7 +142,8 @@ def test_seeds_move_objects_within_their_bounds():
     ],
 )
 def test_variations_that_make_no_sense(tmp_path, line, message):
-    text = f'format = "workcell-task/1"\ncell = "bin"\n[[objects]]\nname = "b"\nmodel = "block"\nplace = "block_place"\n{line}\n'
+    text = 'format = "workcell-task/1"\ncell = "bin"\n[[objects]]\nname = "b"\n'
+    text += f'model = "block"\nplace = "block_place"\n{line}\n'
     (tmp_path / "t.toml").write_text(text)
     with pytest.raises(ModelError, match=message):
         Scene.load(tmp_path / "t.toml", seed=0)

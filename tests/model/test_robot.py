@@ -162,9 +162,11 @@ def test_unknown_names_and_tools(arm, tmp_path):
 def test_a_urdf_gets_actuators_and_a_tool(tmp_path):
     (tmp_path / "two.urdf").write_text(
         """<robot name="two"><link name="base"/>
-        <link name="a"><inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>
+        <link name="a"><inertial><mass value="1"/>
+        <inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>
         <collision><geometry><box size=".1 .1 .1"/></geometry></collision></link>
-        <link name="b"><inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <link name="b"><inertial><mass value="1"/>
+        <inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link>
         <joint name="j1" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 0 1"/>
         <origin xyz="0 0 .5"/><limit lower="-1" upper="1" effort="5" velocity="1"/></joint>
         <joint name="j2" type="prismatic"><parent link="a"/><child link="b"/><axis xyz="1 0 0"/>
@@ -177,7 +179,8 @@ def test_a_urdf_gets_actuators_and_a_tool(tmp_path):
 
 LIFT = """<robot name="lift"><link name="base"/><link name="car"><inertial><mass value="1"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="rail" type="prismatic">
-<parent link="base"/><child link="car"/><axis xyz="0 0 1"/><limit lower="0" upper="1" effort="5" VELOCITY/></joint></robot>"""
+<parent link="base"/><child link="car"/><axis xyz="0 0 1"/><limit lower="0" upper="1" effort="5" VELOCITY/>
+</joint></robot>"""
 
 
 def test_a_urdf_keeps_its_velocity_limits(tmp_path):
@@ -207,8 +210,10 @@ def test_what_is_no_model_file_is_said_in_one_message(tmp_path, capfd, name, con
     assert capfd.readouterr() == ("", "")
 
 
-ROD = """<mujoco><worldbody><body name="rod"><joint name="turn" range="-90 90"/><geom size="0.1"/><site name="tool" pos="0 0 1"/>
-</body></worldbody><custom><numeric name="turn:velocity" data="2"/></custom><actuator><motor joint="turn"/></actuator></mujoco>"""
+ROD = """<mujoco><worldbody><body name="rod"><joint name="turn" range="-90 90"/><geom size="0.1"/>
+<site name="tool" pos="0 0 1"/>
+</body></worldbody><custom><numeric name="turn:velocity" data="2"/></custom>
+<actuator><motor joint="turn"/></actuator></mujoco>"""
 
 
 @pytest.mark.parametrize(

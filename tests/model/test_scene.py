@@ -155,7 +155,10 @@ def test_a_cell_alone_takes_a_robot():
         ('format = "workcell-task/1"', 'format = "x"', "format is"),
         ("[task]", "[task", "not valid TOML"),
         ('gripper_site = "right_hand"', 'gripper_site = "right_hand"\nstart = [1, 2]', "takes 7 joint values"),
-        ('gripper_site = "right_hand"', 'gripper_site = "right_hand"\nstart = [9, 0, 0, 0, 0, 0, 0]', "outside its joint limits"),
+        (
+            'gripper_site = "right_hand"', 'gripper_site = "right_hand"\nstart = [9, 0, 0, 0, 0, 0, 0]',
+            "outside its joint limits",
+        ),
     ],
 )  # fmt: skip
 def test_mistakes_in_a_task_file_are_named(tmp_path, old, new, says):
@@ -183,7 +186,8 @@ MAST = """
   </body>
 </body>"""
 DOOR = """
-<body name="door" pos="0 1.5 0.5"><joint name="hinge" axis="0 0 1" range="0 1"/><geom type="box" size=".3 .02 .3"/></body>
+<body name="door" pos="0 1.5 0.5"><joint name="hinge" axis="0 0 1" range="0 1"/>
+<geom type="box" size=".3 .02 .3"/></body>
 """
 OWN = """
 <mujoco><compiler angle="radian"/>

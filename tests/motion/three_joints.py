@@ -2,7 +2,10 @@
 
 
 def bodies(first: float, second: float) -> str:
-    """Two joints about z with limits of +-`first` and +-`second` radians, and one that tilts the hand; site `tool` at its tip."""
+    """Two joints about z with limits of +-`first` and +-`second` rad, and one that tilts the hand.
+
+    The site `tool` is at its tip.
+    """
     return f"""
     <body name="upper">
       <joint name="a" axis="0 0 1" range="-{first} {first}" limited="true"/>

@@ -1,4 +1,7 @@
-"""Whole sets: answers by line, the same whatever the processes, earlier files intact, and a re-check that believes nothing."""
+"""Whole sets: answers by line, the same for any number of processes, and a re-check that believes nothing.
+
+Earlier files stay intact.
+"""
 
 import json
 import os

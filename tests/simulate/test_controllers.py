@@ -162,7 +162,8 @@ LIGHT = """
     </body>
   </worldbody>
   <actuator>
-    <motor joint="shoulder" forcerange="-60 60"/><motor joint="elbow" forcerange="-60 60"/><motor joint="wrist" forcerange="-20 20"/>
+    <motor joint="shoulder" forcerange="-60 60"/><motor joint="elbow" forcerange="-60 60"/>
+    <motor joint="wrist" forcerange="-20 20"/>
   </actuator>
 </mujoco>
 """

@@ -41,7 +41,8 @@ def running(tmp_path):
     out.mkdir()
     for name in ("long.rrd", "long.json", "notes.txt"):
         (out / name).write_text(f"an earlier {name}")
-    code = f"from workcell.task.run import run_task; run_task({str(tmp_path / 'long.toml')!r}, out={str(out)!r}, say=lambda _: None)"
+    task = str(tmp_path / "long.toml")
+    code = f"from workcell.task.run import run_task; run_task({task!r}, out={str(out)!r}, say=lambda _: None)"
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     yield process, out
     process.kill()

@@ -1,4 +1,4 @@
-"""A part of the task in simulation: one part out of the full bin, held by friction alone; and a bin too narrow for the hand."""
+"""A part of the task in simulation: one part out of the full bin, held by friction; a bin too narrow for a hand."""
 
 import shutil
 

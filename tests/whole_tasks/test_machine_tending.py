@@ -1,4 +1,4 @@
-"""The whole task: fetched, loaded through the door, clamped, left; and a blank that is too heavy is named before motion."""
+"""The whole task: fetched, loaded through the door, clamped, left; a blank too heavy is named before motion."""
 
 import json
 import shutil

@@ -68,7 +68,10 @@ def test_the_same_seed_gives_the_same_plan(outcome, tmp_path):
 
 def test_a_goal_out_of_reach_ends_with_a_proof(tmp_path):
     source = find_task("shelf_grasp")
-    text = source.read_text().replace('name = "grasp"                      # the mug between the fingers\nrobot = "sawyer"\nrelative_to = "mug/grasp"\nxyz = [0.0, 0.0, 0.0]', 'name = "grasp"\nrobot = "sawyer"\nrelative_to = "mug/grasp"\nxyz = [0.0, 0.0, 1.5]')  # fmt: skip
+    goal = 'name = "grasp"                      # the mug between the fingers\n'
+    where = 'robot = "sawyer"\nrelative_to = "mug/grasp"\n'
+    above = f'name = "grasp"\n{where}xyz = [0.0, 0.0, 1.5]'
+    text = source.read_text().replace(f"{goal}{where}xyz = [0.0, 0.0, 0.0]", above)
     assert text != source.read_text()
     (tmp_path / "far.toml").write_text(text.replace('name = "shelf_grasp"', 'name = "far"'))
     shutil.copy(source.with_suffix(".py"), tmp_path / "far.py")

@@ -1,4 +1,4 @@
-"""Models inside the real geometry: their spheres are in the robot, and what they prove is true of the compiled model."""
+"""Models inside the real geometry: their spheres are in the robot, and their proofs hold of the compiled model."""
 
 from __future__ import annotations
 

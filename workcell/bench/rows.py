@@ -18,14 +18,16 @@ from workcell.sets.solving import problem_seed
 Row = dict[str, Any]
 
 BenchFunction = Callable[..., list[Row]]
-"""Takes n problems a row, the seed and the folder of problem sets; returns rows as `row_of` makes them. One that `repeats`
-also takes the numbers of seeds and of processes."""
+"""Takes n problems a row, the seed and the folder of problem sets; returns rows as `row_of` makes them. One that
+`repeats` also takes the numbers of seeds and of processes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """A bench: its name, its own number of problems a row, what it measures, the function that does, and whether that can
-    run several seeds, and in several processes."""
+    """A bench: its name, its own number of problems a row, what it measures, and the function that does.
+
+    Also whether that can run several seeds, and in several processes.
+    """
 
     name: str
     n: int
@@ -44,7 +46,8 @@ def row_of(
     """One row of a bench.
 
     `success` counts problems that ended SOLVED at our tolerances (1e-4 m, 1e-3 rad, no penetration); what passes them
-    passes the papers' looser ones (1e-2 m, 1e-2 rad), and nothing that fails them is kept. `decided` counts proofs as well.
+    passes the papers' looser ones (1e-2 m, 1e-2 rad), and nothing that fails them is kept. `decided` counts proofs as
+    well.
 
     Args:
         name: `<robot>/<environment>/<method>`.

@@ -59,8 +59,8 @@ def run_bench(
         `{"bench", "n", "seed", "rows"}`, ready for JSON.
 
     Raises:
-        UnknownNameError: no such bench. InputError: `n`, `seeds` or `jobs` below 1, or more than the bench can; a folder is
-            missing.
+        UnknownNameError: no such bench. InputError: `n`, `seeds` or `jobs` below 1, or more than the bench can; a
+            folder is missing.
     """
     benches = {bench.name: bench for bench in list_benches()}
     if name not in benches:

@@ -1,4 +1,4 @@
-"""What the grammars of all commands share: a command with its example, and the options that mean the same everywhere."""
+"""What all commands' grammars share: a command with its example, and the options that mean the same everywhere."""
 
 from __future__ import annotations
 

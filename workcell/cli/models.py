@@ -63,10 +63,8 @@ def _fields(
 
 def check(options: argparse.Namespace) -> int:
     """Validate one file and say what it contains."""
-    if options.file.endswith(".json"):
-        contents = _check_problem_set(options.file)
-    else:
-        contents = _check_model(options.file)
+    contents_of = _check_problem_set if options.file.endswith(".json") else _check_model
+    contents = contents_of(options.file)
     problems = contents["problems"]
     if options.json:
         print_json(contents)
@@ -126,7 +124,8 @@ def _robot_lines(robot: Robot) -> list[str]:
     for k, joint in enumerate(robot.joint_names):
         unit = "m" if robot.prismatic[k] else "rad"
         lines.append(
-            f"{joint}: [{robot.lower[k]:.4f}, {robot.upper[k]:.4f}] {unit}, velocity {robot.velocity[k]:g}, effort {robot.effort[k]:g}"
+            f"{joint}: [{robot.lower[k]:.4f}, {robot.upper[k]:.4f}] {unit}, "
+            f"velocity {robot.velocity[k]:g}, effort {robot.effort[k]:g}"
         )
     unlimited = [
         joint for joint, limit in zip(robot.joint_names, robot.acceleration, strict=True) if limit == math.inf

@@ -88,9 +88,9 @@ def decompose(
     seed: int = 0,
     progress: Callable[[], object] | None = None,
 ) -> Decomposition:
-    """Cover a scene's robot and obstacles with spheres, its free space with cuboids and, where those fit badly, polytopes.
+    """Cover a scene's robot and obstacles with spheres, its free space with cuboids and polytopes.
 
-    All of it is proved and measured.
+    Polytopes stand where cuboids fit badly. All of it is proved and measured.
 
     Obstacles are covered where the robot can get: inside the ball of `reach_ball`, with boxes and half-spaces cut down
     to it (`part_in_reach`). The metrics name those that were cut (`obstacles_cut_to_reach`) or that lie outside it
@@ -101,7 +101,8 @@ def decompose(
         robot: the robot's name; None: the only one.
         overshoot: metres that a sphere may stick out.
         seed: of the random seeds and of the sampler that measures coverage.
-        progress: called after each of the six parts: robot cover, obstacle cover, cuboids, polytopes, table, measurement.
+        progress: called after each of the six parts: robot cover, obstacle cover, cuboids, polytopes, table,
+            measurement.
 
     Raises:
         ModelError: an obstacle that contains the robot's base, or a geom that is not supported.

@@ -54,7 +54,7 @@ class ObstacleArrays:
         return distance.reshape(*batch, len(self)), gradient.reshape(*batch, len(self), 3)
 
     def distances_to(self, points: ArrayLike, which: ArrayLike) -> tuple[Array, Array]:
-        """Signed distances (p,) and gradients (p, 3) of points (p, 3), each to the piece whose number (p,) is beside it."""
+        """Signed distances (p,) and gradients (p, 3) of points (p, 3), each to the piece with its number (p,)."""
         flat, _ = _flat_points(points)
         index = np.asarray(which, dtype=np.int64)
         if index.shape != (len(flat),) or np.any((index < 0) | (index >= len(self))):

@@ -88,7 +88,8 @@ def _cover(robot: Robot, cover: SphereCover, shrunk: bool) -> tuple[Array, Array
     radius = (cover.bare_radius if shrunk else cover.radius)[order]
     spheres = np.column_stack([centre, radius, order.astype(float), link.astype(float)])
     balls = np.zeros((robot.dof + 1, 6))
-    first, last = np.searchsorted(link, np.arange(robot.dof + 1), "left"), np.searchsorted(link, np.arange(robot.dof + 1), "right")  # fmt: skip
+    links = np.arange(robot.dof + 1)
+    first, last = np.searchsorted(link, links, "left"), np.searchsorted(link, links, "right")
     for k, (a, b) in enumerate(zip(first, last, strict=True)):
         balls[k, 4:] = a, b
         if a < b:

@@ -134,7 +134,7 @@ def _link_pieces(
 
 
 def _rounded(piece: Piece) -> Piece:
-    """The piece without the rounding errors of its way through the world: links of one kind are alike to the last bit."""
+    """The piece without the rounding errors of its way through the world: links of one kind are alike bit by bit."""
     pose = Pose(np.round(piece.pose.position, 12) + 0.0, np.round(piece.pose.quat_wxyz, 12) + 0.0)
     return Piece(piece.name, piece.kind, pose, piece.size, piece.vertices, piece.body)
 
@@ -185,7 +185,7 @@ _FEW = 10
 
 
 def _hull_vertices(model: mujoco.MjModel, mesh: int) -> Array:
-    """The vertices (k, 3) that MuJoCo collides: those of the hull it made, which `maxhullvert` may have made coarser."""
+    """The vertices (k, 3) that MuJoCo collides: of the hull it made, which `maxhullvert` may have made coarser."""
     first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
     vertices = np.array(model.mesh_vert[first : first + count], dtype=float)
     graph = int(model.mesh_graphadr[mesh])

@@ -67,7 +67,9 @@ def _local_polytope(kind: str, size_bytes: bytes, vertex_bytes: bytes, name: str
         return hull_of(_CORNERS * size, name)
     if kind == "cylinder":
         ring = _ring(_SIDES) * size[0] / np.cos(np.pi / _SIDES)
-        return hull_of(np.vstack([np.column_stack([ring, np.full(_SIDES, z)]) for z in (-size[1], size[1])]), name)  # fmt: skip
+        return hull_of(
+            np.vstack([np.column_stack([ring, np.full(_SIDES, z)]) for z in (-size[1], size[1])]), name
+        )
     ball = _ball_around()
     if kind == "capsule":
         end = np.array([0.0, 0.0, size[1]])

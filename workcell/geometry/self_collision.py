@@ -1,4 +1,7 @@
-"""Pairs of a robot's own spheres that must not touch: all but adjacent links, pairs that always touch, and proved ones."""
+"""Pairs of a robot's own spheres that must not touch.
+
+All but those of adjacent links, those that always touch, and those proved apart.
+"""
 
 from __future__ import annotations
 
@@ -148,9 +151,9 @@ def _never_touch(robot: Robot, cover: SphereCover, pairs: Index, asked: Mask) ->
 def _proved_apart(robot: Robot, cover: SphereCover, pairs: Index, a: int, b: int) -> Mask:
     """Which pairs (p, 2) between two links are apart in every cell of the joints between them.
 
-    In a cell around q with half widths h a gap is at least gap(q) - sum_k lever_k h_k, where lever_k bounds the distance
-    of the carried centre from joint k. Cells in which that is not positive are halved until none is left or too many
-    gaps have been computed.
+    In a cell around q with half widths h a gap is at least gap(q) - sum_k lever_k h_k, where lever_k bounds the
+    distance of the carried centre from joint k. Cells in which that is not positive are halved until none is left or
+    too many gaps have been computed.
     """
     joints = sorted(set(robot.path_to(a)) ^ set(robot.path_to(b)))
     levers = _levers(robot, cover, pairs, a, b, joints)
@@ -187,7 +190,7 @@ def _halved(middle: Array, half: Array, lever: Array) -> tuple[Array, Array]:
 
 
 def _levers(robot: Robot, cover: SphereCover, pairs: Index, a: int, b: int, joints: list[int]) -> Array:
-    """(p, joints) metres per radian (1 for a prismatic joint) by which a joint moves the centre that it carries, at most.
+    """(p, joints) metres per radian (1: prismatic) by which a joint moves the centre that it carries, at most.
 
     The centre's distance from the joint's axis is no longer than the way along the links.
     """

@@ -1,4 +1,4 @@
-"""Proof that cuboids and convex pieces are disjoint: a separating direction, checked with exact support functions."""
+"""Proof that cuboids and convex pieces are disjoint: a separating direction, checked by exact support functions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What the geometry layer hands upwards: convex pieces, sphere covers, free space. Data only; the makers are beside it."""
+"""What the geometry layer hands upwards, data only: convex pieces, sphere covers, free space.
+
+The makers are beside it.
+"""
 
 from __future__ import annotations
 
@@ -164,7 +167,7 @@ class FreePolytope:
 
 @dataclass(frozen=True, slots=True)
 class FreeSpace:
-    """Axis-aligned cuboids, and general polytopes, in the world frame, each proved disjoint from every obstacle piece.
+    """Axis-aligned cuboids, and general polytopes, in the world, each proved disjoint from every obstacle piece.
 
     Attributes:
         lower, upper: (k, 3) corners of the cuboids in metres.
@@ -172,7 +175,8 @@ class FreeSpace:
         margin: (k,) metres, the proved separation from the nearest obstacle (>= 0); None when nothing was proved.
         skipped_seeds: seeds that lay inside an obstacle or outside the workspace.
         polytopes: where cuboids fit badly.
-        admissible: (m, k) of some cover of m spheres, False where a sphere is never inside a cuboid; None: not computed.
+        admissible: (m, k) of some cover of m spheres, False where a sphere is never inside a cuboid; None: not
+            computed.
     """
 
     lower: Array

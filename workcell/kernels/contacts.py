@@ -1,4 +1,4 @@
-"""Clearances of the robot's spheres, among the obstacles and among themselves: the smallest, those below a margin, gradients."""
+"""Clearances of a robot's spheres, among obstacles and themselves: smallest, those below a margin, gradients."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def _add_rates(frames: Array, T: Array, row: Array, at: int, share: float, out: 
 
 @inner
 def idle_stretch(world: World, T: Array, twist: Array, spare: float, hint: Array) -> float:
-    """Length along a motion over which some sphere surely stays inside an obstacle or another sphere; 0 where none is.
+    """Length along a motion over which some sphere surely stays inside an obstacle or another sphere; 0: none is.
 
     `twist` (n + 1, 6) is each link's velocity field: linear at the world's origin, angular. A sphere that lies `depth`
     inside and moves with speed v stays inside for depth / v, and short of a clearance of `spare` for (depth +

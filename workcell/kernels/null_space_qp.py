@@ -1,4 +1,4 @@
-"""Quadratic programs in the null space of a pose: the smallest motion that keeps linear bounds, by Hildreth's method.
+"""Quadratic programs in a pose's null space: the smallest motion that keeps linear bounds (Hildreth's method).
 
 A row (2 n + 3) holds a gradient, its part in the null space, its bound, the square of that part, and its multiplier.
 """
@@ -15,7 +15,7 @@ from workcell.pose import Array
 
 @inner
 def project(rows: Array, m: int, work: Work) -> None:
-    """The part of each of m gradients in the null space of work.J, its square, and the bound less work.newton's share.
+    """Each of m gradients' part in the null space of work.J, its square, and the bound less work.newton's share.
 
     work.A holds the Gram factor of work.J, work.newton the motion that meets the equalities. Multipliers begin at zero.
     """
@@ -39,7 +39,10 @@ def project(rows: Array, m: int, work: Work) -> None:
 
 @inner
 def hildreth(rows: Array, m: int, sweeps: int, least: float, out: Array) -> None:
-    """The smallest motion out (n,) of the null space that meets the bounds of m rows; squares below `least` don't count."""
+    """The smallest motion out (n,) of the null space that meets the bounds of m rows.
+
+    Squares below `least` don't count.
+    """
     n = out.shape[0]
     for k in range(n):
         out[k] = 0.0

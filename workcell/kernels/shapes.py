@@ -39,7 +39,8 @@ class Shapes(NamedTuple):
 def box_keys(boxes: Array, x: float, y: float, z: float, keys: Array) -> None:
     """Of each box the squared distance outside, and the signed distance inside: both grow with the distance."""
     for j in range(boxes.shape[1]):
-        ox, oy, oz = abs(x - boxes[0, j]) - boxes[3, j], abs(y - boxes[1, j]) - boxes[4, j], abs(z - boxes[2, j]) - boxes[5, j]  # fmt: skip
+        ox, oy = abs(x - boxes[0, j]) - boxes[3, j], abs(y - boxes[1, j]) - boxes[4, j]
+        oz = abs(z - boxes[2, j]) - boxes[5, j]
         px, py, pz = max(ox, 0.0), max(oy, 0.0), max(oz, 0.0)
         keys[j] = px * px + py * py + pz * pz + min(max(max(ox, oy), oz), 0.0)
 
@@ -56,7 +57,8 @@ def to_shapes(shapes: Shapes, x: float, y: float, z: float, found: Array) -> Non
     boxes, b = shapes.boxes, shapes.boxes.shape[1]
     for j in range(b):
         dx, dy, dz = x - boxes[0, j], y - boxes[1, j], z - boxes[2, j]
-        px, py, pz = max(abs(dx) - boxes[3, j], 0.0), max(abs(dy) - boxes[4, j], 0.0), max(abs(dz) - boxes[5, j], 0.0)  # fmt: skip
+        px, py = max(abs(dx) - boxes[3, j], 0.0), max(abs(dy) - boxes[4, j], 0.0)
+        pz = max(abs(dz) - boxes[5, j], 0.0)
         d = math.sqrt(px * px + py * py + pz * pz)
         share = 1.0 / max(d, 1e-300)
         found[0, j] = d
@@ -169,6 +171,7 @@ def floor_distances(shapes: Shapes, points: Array, distance: Array) -> None:
             best = min(best, keys[j])
         best = from_key(best)
         for r in range(rows.shape[0]):
-            d = hull_height(rows, faces, r, x, y, z) if rows[r, 0] == HULL else signed_distance(rows, faces, r, x, y, z)[0]  # fmt: skip
+            hull = rows[r, 0] == HULL
+            d = hull_height(rows, faces, r, x, y, z) if hull else signed_distance(rows, faces, r, x, y, z)[0]
             best = min(best, d)
         distance[i] = best

@@ -1,4 +1,4 @@
-"""Clearances of a robot's spheres among shapes and between themselves, at batches of configurations, with gradients."""
+"""Clearances of a robot's spheres to shapes and to each other, at batches of configurations, with gradients."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def add_self_rates(
 def sphere_gaps(
     tree: Tree, spheres: Array, shapes: Shapes, q: Array, gap: Array, gradient: Array, which: Index
 ) -> None:
-    """Per sphere and configuration q (c, n) the gap (c, m) to the nearest shape `which` (c, m), inf and -1 without any.
+    """Per sphere and configuration q (c, n) the gap (c, m) to the nearest shape `which` (c, m); none: inf, -1.
 
     The gradients (c, m, n) are left out where the array has no rows.
     """
@@ -114,7 +114,10 @@ def self_gaps(tree: Tree, spheres: Array, pairs: Index, q: Array, gap: Array, gr
 
 @inner
 def _nearest_pair(spheres: Array, pairs: Index, centres: Array, below: float, hint: int) -> tuple[float, int]:
-    """The smallest gap between two spheres and its pair; (`below`, -1) where none is below that. `hint` is asked first."""
+    """The smallest gap between two spheres and its pair; (`below`, -1) where none is below that.
+
+    `hint` is asked first.
+    """
     best, at = below, -1
     for p in range(-1 if hint >= 0 else 0, pairs.shape[0]):
         pair = hint if p < 0 else p

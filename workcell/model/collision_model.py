@@ -1,6 +1,7 @@
-"""The truth about collisions in a scene: signed distances of the compiled model's own geometry (`mj_geomDistance`).
+"""The truth about collisions in a scene: signed distances of the compiled model's own geometry.
 
-Deep penetration is measured poorly by MuJoCo for some pairs of shapes: trust the sign, not the depth.
+They are `mj_geomDistance`'s. Deep penetration is measured poorly by MuJoCo for some pairs of shapes: trust
+the sign, not the depth.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ class CollisionModel:
     """Smallest signed distance of one robot to everything else and to itself, at any configuration.
 
     Geom pairs follow MuJoCo's own rules: contype and conaffinity, `<exclude>`, bodies welded together, parent with
-    child (unless the model disables that filter), and `<pair>`, which overrules them. Other robots and free objects stand where `qpos` has them.
+    child (unless the model disables that filter), and `<pair>`, which overrules them. Other robots and free objects
+    stand where `qpos` has them.
 
     Args:
         scene: the scene.
@@ -90,7 +92,10 @@ class CollisionModel:
         self._pair_links = self._links_of(self._pairs)
 
     def ignoring(self, bodies: Iterable[str], geoms: Iterable[str] = ()) -> CollisionModel:
-        """The same model without the pairs that some bodies, or geoms (`geom_name`; any part of a height field), belong to."""
+        """The same model without the pairs that some bodies or geoms belong to.
+
+        Geoms are named by `geom_name`; of a height field any part may be named.
+        """
         skip = {self._model.body(name).id for name in bodies}
         names = [geom_name(self._model, g) for g in range(self._model.ngeom)]
         absent = {name if name in names else name.split("[")[0] for name in geoms}

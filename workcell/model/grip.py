@@ -1,4 +1,4 @@
-"""What closes on an object: a gripper's fingers, a chuck's jaws; and what a hand would hit at a pose, apart from its arm."""
+"""What closes on an object: fingers, a chuck's jaws; and what a hand would hit at a pose, apart from its arm."""
 
 from __future__ import annotations
 
@@ -83,7 +83,8 @@ def actuated(scene: Scene, actuator: str, share: float) -> Scene:
         share: from 0 to 1.
 
     Raises:
-        UnknownNameError: no such actuator, or a robot's; InputError: a share outside [0, 1]; ModelError: it drives no joint.
+        UnknownNameError: no such actuator, or a robot's; InputError: a share outside [0, 1]; ModelError: it drives no
+            joint.
     """
     known = scene.actuators()
     if actuator not in known:
@@ -109,7 +110,10 @@ def actuated(scene: Scene, actuator: str, share: float) -> Scene:
 
 
 def _driven(model: mujoco.MjModel, actuator: int) -> tuple[list[int], float]:
-    """Joints that an actuator moves by its own joint or a fixed tendon, and what its value is of theirs when they move alike."""
+    """Joints that an actuator moves by its own joint or a fixed tendon, and their share where they move alike.
+
+    The share is what the actuator's value is of theirs.
+    """
     import mujoco
 
     target = int(model.actuator_trnid[actuator, 0])
@@ -130,7 +134,10 @@ def _first_free(
     movers: Collection[int],
     others: Collection[int],
 ) -> float:
-    """The smallest share of a way, from 1 (open) towards 0, at which no mover touches another geom; `qpos` is changed."""
+    """The smallest share of a way, from 1 (open) towards 0, at which no mover touches another geom.
+
+    `qpos` is changed.
+    """
     import mujoco
 
     data = mujoco.MjData(model)
@@ -156,7 +163,7 @@ def _first_free(
 def hand_clearance(
     scene: Scene, robot: SceneRobot, T_world_tool: Pose, ignored: Collection[str] = (), limit: float = 1.0
 ) -> float:
-    """How far the hand alone would be from everything that is not its robot, with the tool at a pose; metres, signed.
+    """How far the hand alone would be from all that is not its robot, with the tool at a pose; metres, signed.
 
     A pose at which the hand collides needs no inverse kinematics.
 

@@ -1,4 +1,7 @@
-"""Which pairs of geoms may be the nearest, by bounding spheres and boxes: compiled (see `workcell.model.collision_model`)."""
+"""Which pairs of geoms may be the nearest, by bounding spheres and boxes: compiled.
+
+See `workcell.model.collision_model`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`Robot`: a kinematic tree of revolute and prismatic joints, with limits, tools and a base pose, in plain numpy.
+"""`Robot`: a kinematic tree of revolute and prismatic joints, with limits, tools and a base pose, in numpy.
 
 A robot comes from a compiled MuJoCo model (`workcell.model.loading.load`) or from a problem-set file
 (`workcell.sets.problems`); from then on no solver needs to know which.
@@ -182,7 +182,7 @@ class Robot:
         return inside
 
     def unwrap(self, q: ArrayLike, reference: ArrayLike | None = None) -> Array:
-        """Move revolute angles by whole turns into their limits; with a reference, to the admissible turn nearest it."""
+        """Move revolute angles by whole turns into their limits; with a reference, to the allowed turn nearest it."""
         q = np.array(q, dtype=float)
         centre = 0.5 * (self.lower + self.upper) if reference is None else np.asarray(reference, dtype=float)
         turn = 2 * np.pi
@@ -271,7 +271,18 @@ class Robot:
         kept = np.array(path)
         index = {0: 0} | {k + 1: i + 1 for i, k in enumerate(path)}
         tools = {t.name: replace(t, link=index[t.link]) for t in self.tools.values() if t.link in index}
-        arrays = ("joint_xyz", "joint_rotation", "axis", "prismatic", "lower", "upper", "velocity", "acceleration", "effort", "home")  # fmt: skip
+        arrays = (
+            "joint_xyz",
+            "joint_rotation",
+            "axis",
+            "prismatic",
+            "lower",
+            "upper",
+            "velocity",
+            "acceleration",
+            "effort",
+            "home",
+        )
         return replace(
             self,
             joint_names=tuple(self.joint_names[k] for k in path),
@@ -296,7 +307,7 @@ def serial_robot(
     joints: Sequence[Mapping[str, object]],
     T_link_tool: Pose,
 ) -> Robot:
-    """A serial revolute robot from joint dictionaries with `name, xyz, quat, axis, lower, upper` (problem-set files)."""
+    """A serial revolute robot from joints `{name, xyz, quat, axis, lower, upper}` (problem-set files)."""
     n = len(joints)
 
     def column(key: str) -> Array:

@@ -133,7 +133,7 @@ class Scene:
         return {self.model.actuator(a).name: a for a in range(self.model.nu) if a not in mine}
 
     def initial_qpos(self) -> Array:
-        """Raw MuJoCo positions (nq,) as the scene begins, every robot at its start and every object in its place; read-only."""
+        """MuJoCo positions (nq,) as the scene begins, robots at their starts, objects in their places; read-only."""
         qpos = np.array(self.model.qpos0)
         for address, value in self.placed:
             qpos[address] = value

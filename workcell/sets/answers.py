@@ -1,4 +1,7 @@
-"""Answer files: one JSON line a problem, with the proof of every "no" inline or, when it is large, in a file beside it."""
+"""Answer files: one JSON line a problem, with the proof of every "no".
+
+A proof is inline or, when it is large, in a file beside it.
+"""
 
 from __future__ import annotations
 

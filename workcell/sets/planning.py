@@ -37,8 +37,8 @@ class PlanSummary:
         proved: paths proved clear all along.
         cpu_s: (n,) CPU seconds a problem: goals, search and proof.
         length: (k,) of the paths found, radians (L2).
-        first_length, lower_bound: (k,) where paths were optimised: their lengths before, and the lengths of the straight
-            lines to the nearest goals known; else empty.
+        first_length, lower_bound: (k,) where paths were optimised: their lengths before, and the lengths of the
+            straight lines to the nearest goals known; else empty.
         wall_s: of the whole run.
     """
 
@@ -171,9 +171,9 @@ def check_starts(problem_set: ProblemSet) -> None:
 
 
 def motion_limits_of(robot: Robot) -> tuple[Array, Array] | None:
-    """Velocity and acceleration limits: the robot's own, else those of the robot of that name that travels with workcell.
+    """Velocity and acceleration limits: the robot's own, or those of the robot of that name here.
 
-    None where neither is known: a problem-set file has no such limits.
+    Here are the robots that travel with workcell. None where neither is known: a problem-set file has no such limits.
     """
     if not np.all(np.isfinite(robot.velocity) & np.isfinite(robot.acceleration)):
         from workcell.model.loading.assets import list_assets

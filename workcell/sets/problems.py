@@ -1,4 +1,7 @@
-"""Problem-set files (`workcell-ikset/1`): one robot, many targets with their obstacles. Everything wrong in one is named."""
+"""Problem-set files (`workcell-ikset/1`): one robot, many targets with their obstacles.
+
+Everything that is wrong in one is named.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a controller knows of an arm: a copy of the compiled model, with the payload in the hand, and with its errors.
+"""What a controller knows of an arm: a copy of the compiled model, with the load in its hand, and its errors.
 
 The inverse dynamics are MuJoCo's (`mj_inverse`), on a copy of the model without contacts and equalities, since those
 forces would be counted into the torque otherwise. A carried object enters as part of the hand: the copy's hand gets the

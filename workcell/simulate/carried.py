@@ -1,4 +1,4 @@
-"""How an object moved while it was carried: where its foot was, how far it tilted, and whether it would have spilled."""
+"""How an object moved while carried: where its foot was, how far it tilted, and whether it would have spilled."""
 
 from __future__ import annotations
 

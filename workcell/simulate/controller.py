@@ -1,4 +1,4 @@
-"""How an arm's motors are driven: computed torque, and a position servo with feed-forward as real controllers have.
+"""How an arm's motors are driven: computed torque, or a position servo with feed-forward, as real ones have.
 
 Computed torque: the arm's own dynamics cancel, what remains of the error decays like a damped spring.
 

@@ -28,8 +28,10 @@ class StopReason(enum.Enum):
 
 _SENTENCES = {
     StopReason.TRACKING: "The arm left its reference. Move slower, or look for saturated joints in the log.",
-    StopReason.CONTACT: "The robot, or what it carries, touched something that it should not. Plan with more clearance.",
-    StopReason.UNSTABLE: "The simulation became unstable. Check masses and contacts of the model, or use a smaller step.",
+    StopReason.CONTACT: "The robot, or what it carries, touched something that it should not. "
+    "Plan with more clearance.",
+    StopReason.UNSTABLE: "The simulation became unstable. "
+    "Check masses and contacts of the model, or use a smaller step.",
     StopReason.NO_GRASP: "The fingers closed without both touching the object. Check the grasp pose.",
     StopReason.LOST_GRASP: "The object slipped out of the hand. Move slower, or grasp nearer its centre of mass.",
 }
@@ -77,8 +79,8 @@ class Execution:
         clearance: (T,) smallest signed distance of a robot, and of what it carries, to everything it should not touch.
         clearance_pair: T pairs of geom names that have it.
         clearance_points: (T, 2, 3) the nearest points of that pair, world.
-        internal_force: (T,) largest force (newtons) with which hands that share an object worked against each other since
-            the row before; 0 while no object is shared.
+        internal_force: (T,) largest force (newtons) with which hands that share an object worked against each other
+            since the row before; 0 while no object is shared.
         contacts: unintended contacts, first moment of each.
         events: the log.
         saturated_steps: control steps on which a joint reached its effort limit.

@@ -120,7 +120,7 @@ class Weld:
 
 
 def _corners(model: mujoco.MjModel, root: int, bodies: Iterable[int]) -> Array:
-    """(8 g, 3) corners of the boxes around the geoms of `bodies`, which stand still on `root`, in the frame of `root`."""
+    """(8 g, 3) corners of the boxes around the geoms of `bodies`, which stand still on `root`, in its frame."""
     signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
     found = [np.zeros((0, 3))]
     for body in bodies:

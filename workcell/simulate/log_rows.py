@@ -46,7 +46,7 @@ class Worst:
 
 @dataclass(slots=True)
 class Rows:
-    """Lists that `take` turns into an `Execution`, leaving them empty; joints and tools of several arms side by side."""
+    """Lists that `take` turns into an `Execution`, leaving them empty; arms' joints and tools side by side."""
 
     dof: int
     arms: int

@@ -229,10 +229,9 @@ class Simulation(Stepper):
         thing = self.scene.object(name)
         weld = Weld.of(self._model, arm.robot, thing)
         supports = self._watch.touched_by(self._watch.geoms_of(name))
-        if hold == "weld":
-            T_hand_object = weld.close(self._model, self._data)
-        else:
-            T_hand_object = weld.relative_pose(self._data)
+        T_hand_object = (
+            weld.close(self._model, self._data) if hold == "weld" else weld.relative_pose(self._data)
+        )
         T_tool_object = arm.tool_pose(self._data).inverse() @ self.object_pose(name)
         self._watch.take(arm.name, Held(thing, weld, T_hand_object, T_tool_object, supports, hold))
         self._share_load(name)
@@ -272,7 +271,7 @@ class Simulation(Stepper):
         return self._open(arm, held, opening)
 
     def _open(self, arm: Arm, held: Held, opening: float) -> bool:
-        """Open the gripper; the controller carries the object until it stands on something, or the fingers have left it."""
+        """Open the gripper; the object is carried on until it stands on something, or the fingers have left it."""
         hand, mine = arm.gripper(), self._watch.geoms_of(held.thing.name)
         fingers = self._watch.geoms(frozenset[int]().union(*hand.fingers))
         target = hand.closed + opening * (hand.open - hand.closed)

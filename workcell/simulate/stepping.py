@@ -1,4 +1,4 @@
-"""`Stepper`: the robots of a scene under control, step by step, with guards and a log: what `Simulation` is built on."""
+"""`Stepper`: the robots of a scene under control, step by step, with guards and a log; `Simulation`'s base."""
 
 from __future__ import annotations
 
@@ -46,7 +46,10 @@ class Settings:
 
 
 class Stepper:
-    """Robots, controllers, guards and log of one simulated scene; `Simulation` says what the arguments and parts mean."""
+    """Robots, controllers, guards and log of one simulated scene.
+
+    `Simulation` says what the arguments and parts mean.
+    """
 
     def __init__(
         self,

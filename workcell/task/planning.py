@@ -1,4 +1,4 @@
-"""The parts of a task's plan: verified configurations and proved paths; without one the task ends with the reason."""
+"""The parts of a task's plan: verified configurations and proved paths; without one the task ends with why."""
 
 from __future__ import annotations
 
@@ -110,8 +110,8 @@ class Planning:
     ) -> Path:
         """A continuous joint path along tool poses, from the start that leads all the way (or from the given one).
 
-        Of the starts (n,) one is taken for which `begins`, a part of the plan, can be made; None: to which the robot can
-        `move` from where it stands.
+        Of the starts (n,) one is taken for which `begins`, a part of the plan, can be made; None: to which the robot
+        can `move` from where it stands.
         """
         begins = begins or functools.partial(self._begin, world)
         with self.story.asking(what, world):
@@ -135,7 +135,8 @@ class Planning:
         self.story.say(
             f"{what}: {metrics.waypoints} waypoints, largest step {metrics.largest_step:.3f} rad, half-way at most "
             f"{1e3 * metrics.deviation_m:.2f} mm off, manipulability {1e3 * metrics.manipulability:.2f}e-3 or more, "
-            f"{metrics.limit_distance:.2f} rad or more from limits, proved {1e3 * metrics.clearance_between:.0f} mm clear"
+            f"{metrics.limit_distance:.2f} rad or more from limits, "
+            f"proved {1e3 * metrics.clearance_between:.0f} mm clear"
         )
         return result.path
 
@@ -153,7 +154,7 @@ class Planning:
         return self.move(world, world.robot.start, q, "way to the start")
 
     def can(self, plan: Callable[..., object], *arguments: object) -> bool:
-        """Whether a part of the plan, such as `move`, can be made: a quick try that is not told and does not end the task.
+        """Whether a part of the plan, such as `move`, can be made: a quick try, not told, that does not end the task.
 
         A configuration that may not be one, because it collides, is a no as well.
         """
@@ -177,8 +178,8 @@ class Planning:
     ) -> Path:
         """A continuous path from where the robot stands along tool poses; without one the task ends with the reason.
 
-        `others` would do as well as `inward`: the first that can be followed without a detour is taken. `upright` keeps an
-        axis of the tool within a cone all along: for what must not tilt, or would slip if it did.
+        `others` would do as well as `inward`: the first that can be followed without a detour is taken. `upright`
+        keeps an axis of the tool within a cone all along: for what must not tilt, or would slip if it did.
         """
         ways = [inward, *others]
         with self.story.asking(what, world):

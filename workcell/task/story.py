@@ -1,4 +1,4 @@
-"""A run's story: what a task script says, measures and judges, on the terminal, in the recording and in the summary."""
+"""A run's story: what a task script says, measures and judges, on the terminal, in recording and summary."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Story:
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
-        """Time a phase; the summary gets `<name>_s`, summed over phases of one name, without what compiling kernels took."""
+        """Time a phase; the summary gets `<name>_s`, summed over those of one name, without compiling of kernels."""
         start = time.perf_counter() - compiling_seconds()
         try:
             yield

@@ -1,7 +1,7 @@
 """Sphere cover of a robot whose fingers open and close: each finger is covered by itself and moved along.
 
-The cover of arm and palm stays the same whatever the fingers do, and so does that of each finger in its own frame; nothing
-is covered anew when a gripper closes on an object.
+The cover of arm and palm stays the same whatever the fingers do, and so does that of each finger in its own frame;
+nothing is covered anew when a gripper closes on an object.
 """
 
 from __future__ import annotations

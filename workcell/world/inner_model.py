@@ -1,8 +1,9 @@
 """A scene's model from inside: what is impossible for it is impossible for the real geometry.
 
-Spheres inside the robot's links, and convex pieces that are the obstacles themselves. A sphere in a piece is real only if
-MuJoCo collides the two geoms they belong to, so obstacles that it doesn't collide with every one of the links' geoms
-(contype, conaffinity, excludes, intended contacts) are left out: that can only make the model easier to satisfy.
+Spheres inside the robot's links, and convex pieces that are the obstacles themselves. A sphere in a piece is real
+only if MuJoCo collides the two geoms they belong to, so obstacles that it doesn't collide with every one of the
+links' geoms (contype, conaffinity, excludes, intended contacts) are left out: that can only make the model easier to
+satisfy.
 """
 
 from __future__ import annotations

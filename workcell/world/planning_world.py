@@ -1,4 +1,4 @@
-"""`PlanningWorld`: a scene as the planners see it: sphere cover, obstacle pieces, free space, and the truth beside them."""
+"""`PlanningWorld`: a scene as the planners see it: sphere cover, pieces, free space, and the truth beside them."""
 
 from __future__ import annotations
 
@@ -69,8 +69,8 @@ class PlanningWorld:
             tool: the site to place; None: the robot's own.
             overshoot: of the sphere cover, metres.
             opening: of the gripper: 1 is where the scene has it, 0 closed.
-            approached: objects (by name) that the hand is to come closer to than its spheres allow, such as one about to be
-                grasped. They are left out of the planners' obstacles; the compiled model counts them as ever.
+            approached: objects (by name) that the hand is to come closer to than its spheres allow, such as one about
+                to be grasped. They are left out of the planners' obstacles; the compiled model counts them as ever.
             towards: configurations (n,) that the free space should hold, besides the start.
             seed: of the free space's random seeds.
         """
@@ -205,7 +205,7 @@ class PlanningWorld:
         return Clearance(found.distance, found.pair)
 
     def hand_clearance(self, target: Pose, ignored: Iterable[str] = ()) -> float:
-        """How far the hand alone would be from all but what it holds at a tool pose, metres: a cheap question before IK."""
+        """How far the hand alone would be from all but what it holds at a tool pose, metres: cheap, before IK."""
         held = () if self.attached is None else (self.attached[0],)
         return hand_clearance(self.scene, self.robot, target, (*ignored, *held))
 

@@ -1,4 +1,4 @@
-"""The bench of whole tasks: every task has its rows, a proof counts where it is asked for, the first run stands apart."""
+"""The bench of whole tasks: every task has its rows, proofs count where asked for, the first run stands apart."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The table of spheres and cuboids: nothing that happens is dropped, much that can't is, and files are what they say."""
+"""The table of spheres and cuboids: nothing that happens is dropped, much that can't is; files are sound."""
 
 from __future__ import annotations
 

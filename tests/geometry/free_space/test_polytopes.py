@@ -1,4 +1,4 @@
-"""Polytopes of free space: largest ellipsoids against closed forms, planes against samples, proofs against points."""
+"""Polytopes of free space: largest ellipsoids by closed forms, planes against samples, proofs against points."""
 
 from __future__ import annotations
 

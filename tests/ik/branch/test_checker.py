@@ -67,7 +67,9 @@ def test_forged_trees_are_refused() -> None:
     forgeries = {
         "a missing leaf": {"tree": tree[:-1]},
         "a leaf too many": {"tree": np.append(tree, -1.0)},
-        "an unknown reason": {"tree": np.where(np.arange(len(tree)) == np.argmax(tree == -2), -3.0, tree), "blocked": blocked[:, 1:]},
+        "an unknown reason": {
+            "tree": np.where(np.arange(len(tree)) == np.argmax(tree == -2), -3.0, tree), "blocked": blocked[:, 1:]
+        },
         "an unknown joint": {"tree": np.where(tree >= 0, 7.0, tree)},
         "half a joint": {"tree": np.where(tree >= 0, 0.5, tree)},
         "a split outside": {"splits": splits + 10.0},

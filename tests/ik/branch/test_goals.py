@@ -1,4 +1,4 @@
-"""Branch and bound for goals of position or axis alone, sliding joints, spheres that must not touch, threads and turns."""
+"""Branch and bound for position or axis alone, sliding joints, spheres that must not touch, threads and turns."""
 
 import dataclasses
 import time
@@ -95,7 +95,8 @@ def gantry():
     """Three sliding joints along x, y, z, then a spherical wrist."""
     axes = [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1], [0, 1, 0], [0, 0, 1]]
     joints = [
-        {"name": f"j{k}", "xyz": [0, 0, 0], "quat": [1, 0, 0, 0], "axis": axis, "lower": -0.5 if k < 3 else -2.0, "upper": 0.5 if k < 3 else 2.0}
+        {"name": f"j{k}", "xyz": [0, 0, 0], "quat": [1, 0, 0, 0], "axis": axis,
+         "lower": -0.5 if k < 3 else -2.0, "upper": 0.5 if k < 3 else 2.0}
         for k, axis in enumerate(axes)
     ]  # fmt: skip
     robot = serial_robot("gantry", joints, Pose.from_xyz([0.0, 0.0, 0.1]))
@@ -130,7 +131,8 @@ def rail():
     robot = arm()
     axes = np.vstack([[1.0, 0.0, 0.0], robot.axis])
     joints = [
-        {"name": f"j{k}", "xyz": xyz, "quat": [1, 0, 0, 0], "axis": axis, "lower": -0.5 if k == 0 else -3.0, "upper": 0.5 if k == 0 else 3.0}
+        {"name": f"j{k}", "xyz": xyz, "quat": [1, 0, 0, 0], "axis": axis,
+         "lower": -0.5 if k == 0 else -3.0, "upper": 0.5 if k == 0 else 3.0}
         for k, (axis, xyz) in enumerate(zip(axes, np.vstack([np.zeros(3), robot.joint_xyz]), strict=True))
     ]  # fmt: skip
     return dataclasses.replace(

@@ -1,4 +1,4 @@
-"""The checker's doubles against extended precision: errors stay far below the slack that rounds its bounds outwards."""
+"""The checker's doubles against extended precision: errors are far below the slack that rounds bounds outwards."""
 
 import numpy as np
 import pytest

@@ -149,7 +149,8 @@ def test_every_kind_of_obstacle_blocks(kind: str) -> None:
     corners = np.array(np.meshgrid([-0.4, 0.4], [-0.4, 0.4], [-0.4, 0.4])).reshape(3, -1).T
     height = 0.8 if kind == "halfspace" else 0.3
     piece = Piece(
-        kind, kind, Pose.from_xyz([0.28, 0.0, height]), np.array(sizes.get(kind, [])), corners if kind == "hull" else None
+        kind, kind, Pose.from_xyz([0.28, 0.0, height]), np.array(sizes.get(kind, [])),
+        corners if kind == "hull" else None,
     )  # fmt: skip
     problem = elbow_problem((piece,))
     certificate = solve_branch(problem, BUDGET).certificate

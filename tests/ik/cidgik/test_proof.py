@@ -1,4 +1,4 @@
-"""CIDGIK's relaxation: its reductions hold, the plain model agrees, and its proofs are never about what is possible."""
+"""CIDGIK's relaxation: reductions hold, the plain model agrees, its proofs are never about what is possible."""
 
 from __future__ import annotations
 
@@ -225,7 +225,7 @@ def test_no_multipliers_prove_a_reachable_pose_impossible(robot: Robot) -> None:
 
 
 def test_a_proof_covers_the_tolerance_it_names() -> None:
-    """Targets just out of reach: what is proved at one is not proved where a configuration comes within the tolerance."""
+    """Targets just out of reach: no proof at one is a proof where a configuration comes within the tolerance."""
     robot = bench_arm("ur10")
     edge = robot.fk(np.array([0.3, 0.0, 0.0, 0.2, 1.0, 0.5]))
     outward = edge.position / np.linalg.norm(edge.position)

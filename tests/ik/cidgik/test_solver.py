@@ -1,4 +1,4 @@
-"""CIDGIK finds configurations by convex iteration alone, keeps limits and obstacles, and never returns a mirror image."""
+"""CIDGIK finds configurations by convex iteration alone, keeps limits and obstacles, returns no mirror image."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Elementary proofs: sharp where a closed form says so, never of a target that can be reached, and hard to forge."""
+"""Elementary proofs: sharp where a closed form says so, never of a target in reach, and hard to forge."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""HJCD-IK on Warp, run on its CPU device: the same numbers as the numba kernels, phase by phase, and the same solutions."""
+"""HJCD-IK on Warp, run on its CPU device: the numbers of the numba kernels, phase by phase, and their solutions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sampling solver keeps an arm clear of itself: gaps and gradients of pairs, solutions, and why there are none."""
+"""The sampling solver keeps an arm clear of itself: gaps and gradients of pairs, solutions, why there are none."""
 
 from __future__ import annotations
 
@@ -81,7 +81,10 @@ def test_solutions_keep_clear_of_the_arm_itself():
 def test_obstacles_and_pairs_together():
     problem, touching = folded()
     wall = (box("wall", (0.5, 0.0, 0.2), (0.02, 0.3, 0.3)),)
-    results = [solve(replace(problem, target=problem.robot.fk(q), obstacles=wall), "hjcd", Budget(0.5)) for q in touching[:4]]  # fmt: skip
+    results = [
+        solve(replace(problem, target=problem.robot.fk(q), obstacles=wall), "hjcd", Budget(0.5))
+        for q in touching[:4]
+    ]
     assert any(result.solved for result in results)
 
 

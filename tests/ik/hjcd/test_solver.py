@@ -67,7 +67,13 @@ def test_every_kind_of_obstacle():
     rng = np.random.default_rng(0)
     pose = Pose.from_xyz(elbow + np.array([0.0, 0.05, 0.0]))
     floor = Piece("floor", "halfspace", Pose.from_xyz([0, 0, -0.1]), np.zeros(0))
-    for kind, size in (("sphere", [0.06]), ("capsule", [0.04, 0.1]), ("cylinder", [0.05, 0.1]), ("ellipsoid", [0.1, 0.05, 0.07]), ("box", [0.05, 0.05, 0.1])):  # fmt: skip
+    for kind, size in (
+        ("sphere", [0.06]),
+        ("capsule", [0.04, 0.1]),
+        ("cylinder", [0.05, 0.1]),
+        ("ellipsoid", [0.1, 0.05, 0.07]),
+        ("box", [0.05, 0.05, 0.1]),
+    ):
         problem = IKProblem(
             robot, robot.fk(q), (Piece(kind, kind, pose, np.array(size)), floor), beads(robot)
         )
@@ -116,7 +122,10 @@ def test_no_budget_no_work():
 def test_an_unreachable_target_says_how_far_the_arm_got():
     robot = seven()
     obstacle = (box("far", (5.0, 0.0, 0.0), (0.1, 0.1, 0.1)),)
-    for problem in (IKProblem(robot, Pose.from_xyz([3.0, 0, 0])), IKProblem(robot, Pose.from_xyz([3.0, 0, 0]), obstacle, beads(robot))):  # fmt: skip
+    for problem in (
+        IKProblem(robot, Pose.from_xyz([3.0, 0, 0])),
+        IKProblem(robot, Pose.from_xyz([3.0, 0, 0]), obstacle, beads(robot)),
+    ):
         candidate = solve_hjcd(problem, Budget(0.02), 0)
         assert candidate.q is None
         assert "restarts reached the pose" in candidate.rejected[0]

@@ -1,4 +1,4 @@
-"""IKSPARK finds configurations by convex optimisation alone, keeps bounds, avoids obstacles, and never hides a failure."""
+"""IKSPARK finds configurations by convex optimisation alone, keeps bounds, avoids obstacles, hides no failure."""
 
 from __future__ import annotations
 

@@ -8,7 +8,8 @@ from workcell.model.loading.compiled import robot_from_model
 
 MODEL = """
 <mujoco><compiler autolimits="true"/>
-  <worldbody><body name="a"><joint name="j" range="-1 1" {joint}/><geom size=".1"/><site name="tool"/></body></worldbody>
+  <worldbody><body name="a"><joint name="j" range="-1 1" {joint}/><geom size=".1"/><site name="tool"/>
+  </body></worldbody>
   <actuator>{actuator}</actuator>
 </mujoco>
 """

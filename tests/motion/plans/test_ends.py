@@ -1,4 +1,4 @@
-"""Starts and goals that can't be one: what is wrong, and a way out that is near and was looked at; limits of zero."""
+"""Starts and goals that can't be one: what is wrong, a way out that is near and was looked at, limits of zero."""
 
 from dataclasses import replace
 

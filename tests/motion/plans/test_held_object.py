@@ -1,4 +1,4 @@
-"""What the hand holds counts: where the bare hand passes under a bar, a rod in it has to be taken round, or can't pass."""
+"""What the hand holds counts: where the bare hand passes under a bar, a rod in it must go round, or can't pass."""
 
 import numpy as np
 import pytest

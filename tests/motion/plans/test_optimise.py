@@ -1,4 +1,4 @@
-"""Optimised paths: as short as geometry allows where that is known, never longer with more means, proved all along."""
+"""Optimised paths: as short as known geometry allows, never longer with more means, proved all along."""
 
 from itertools import pairwise
 
@@ -36,7 +36,7 @@ def square(x=0.0, y=0.0, half=0.3):
 
 
 def around(x, corner_x, corner_y):
-    """The shortest way of a ball from (-x, 0) to (x, 0) over two corners: tangents, arcs about the corners, and the top."""
+    """The shortest way of a ball from (-x, 0) to (x, 0) over two corners: tangents, arcs about them, and the top."""
     reach = np.hypot(x - corner_x, corner_y)
     tangent = np.sqrt(reach**2 - RADIUS**2)
     turn = np.arctan2(corner_y, x - corner_x) + np.arcsin(RADIUS / reach)

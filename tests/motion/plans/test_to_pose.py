@@ -1,4 +1,4 @@
-"""Paths to poses: proved, judged by another kernel, the same for a seed; and bad starts are named with a way out."""
+"""Paths to poses: proved, judged by another kernel, the same for a seed; bad starts are named with a way out."""
 
 import itertools
 

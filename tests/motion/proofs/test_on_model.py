@@ -112,7 +112,7 @@ def test_spheres_that_do_not_contain_the_robot_prove_nothing(planar, planar_cove
 
 
 def test_the_margin_leaves_room_for_the_tolerance_of_the_model_s_distances(tmp_path):
-    """Distances of shapes that MuJoCo finds by iteration are as good as the model's own tolerance, here a centimetre."""
+    """Distances of shapes that MuJoCo finds by iteration are as good as the model's own tolerance, here 1 cm."""
     (tmp_path / "cell.xml").write_text(
         '<mujoco><option ccd_tolerance="0.01"/><worldbody><site name="robot_mount"/>'
         '<geom name="post" type="cylinder" pos="1.5 0 0.5" size="0.05 0.5"/></worldbody></mujoco>'

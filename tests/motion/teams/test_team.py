@@ -1,4 +1,4 @@
-"""A team of arms: one kinematic tree, a closed chain that stays closed, and proofs of both arms against each other."""
+"""A team of arms: one kinematic tree, a closed chain that stays closed, proofs of both arms against each other."""
 
 import mujoco
 import numpy as np
@@ -115,7 +115,7 @@ def test_a_team_is_timed_within_the_torques_that_each_arm_has(scene, team):
 
 
 def test_the_shares_of_a_team_are_all_of_its_load(scene, team):
-    """Held still, the arms' torques differ from those of empty hands by what the crate's weight takes, shared equally."""
+    """Held still, arms' torques differ from those of empty hands by what the crate weighs, shared equally."""
     q = start(scene)
     zero = np.zeros((1, 14))
     shared = TeamDynamics.of(team).at(q[None], zero, zero)[0]

@@ -39,7 +39,7 @@ def closed_form(point):
 
 
 def oracle(arm, truth, poses, floor, start=None):
-    """How many poses a continuous motion gets to, by flooding the closed form; the tool may wait while the arm turns."""
+    """How many poses a continuous motion gets to, by flooding the closed form; the tool may wait while arms turn."""
     reached = None
     if start is not None:
         reached = np.abs(closed_form(poses[0].position) - start).max(axis=-1) < 0.02

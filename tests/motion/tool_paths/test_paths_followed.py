@@ -1,4 +1,4 @@
-"""Tool paths of every kind, with tolerances axis by axis, from end to end: the motion is measured against the path itself."""
+"""Tool paths of every kind, tolerances axis by axis, from end to end: the motion is measured against the path."""
 
 from itertools import pairwise
 

@@ -1,4 +1,4 @@
-"""Local tracking: on the path within its tolerance, within limits, clear of things, and what it does beside the path."""
+"""Local tracking: on the path within its tolerance, within limits, clear, and what it does beside the path."""
 
 import numpy as np
 import pytest

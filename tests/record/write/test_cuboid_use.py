@@ -1,4 +1,4 @@
-"""The cuboids that links are in: told from geometry alone, written where they change, read back as tables and pictures."""
+"""The cuboids that links are in: told from geometry, written where they change, read as tables and pictures."""
 
 from __future__ import annotations
 

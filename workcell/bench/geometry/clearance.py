@@ -1,4 +1,4 @@
-"""The clearance engine: pairs a second for each kind of shape, microseconds for a whole robot, and what others answer."""
+"""The clearance engine: pairs a second for each kind of shape, microseconds for a robot, and what others answer."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Sphere covers of the robots, of objects and of a table top: how many, how tight, proved how fast, and re-checked.
+"""Sphere covers of the robots, of objects and of a table top: how many, how tight, proved how fast, re-checked.
 
-The re-check shares no code with the covers: points of the geoms are made from MuJoCo's own sizes and poses (mesh hulls by
-trimesh), and membership is by definition, without any distance.
+The re-check shares no code with the covers: points of the geoms are made from MuJoCo's own sizes and poses (mesh
+hulls by trimesh), and membership is by definition, without any distance.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ def violations(
     n: int,
     rng: np.random.Generator,
 ) -> int:
-    """Random points (n at least) that tell against a cover: of the geoms outside all spheres, or of spheres in no geom.
+    """Random points (n or more) that tell against a cover: of geoms outside all spheres, or of spheres in no geom.
 
     Args:
         model: compiled model, at its `qpos0`.
@@ -188,7 +188,10 @@ def violations(
 def _ball_points(centres: Array, radii: Array, count: int, rng: np.random.Generator) -> Array:
     """Points (count, 3) on and in balls, half of them on the surface."""
     which = rng.integers(len(radii), size=count)
-    away = _directions(count, rng) * np.where(rng.uniform(size=count) < 0.5, 1.0, rng.uniform(size=count))[:, None]  # fmt: skip
+    away = (
+        _directions(count, rng)
+        * np.where(rng.uniform(size=count) < 0.5, 1.0, rng.uniform(size=count))[:, None]
+    )
     points: Array = centres[which] + radii[which, None] * away
     return points
 
@@ -274,7 +277,8 @@ BENCHES = (
     Bench(
         "covers",
         100_000,
-        "sphere covers of robots, objects and a table top: counts, overshoots, volumes, proof; n random points re-check each",
+        "sphere covers of robots, objects and a table top: counts, overshoots, volumes, proof; "
+        "n random points re-check each",
         covers,
     ),
 )

@@ -1,7 +1,8 @@
-"""Free space measured: build times and coverage, and how many random cells can be decomposed at all (IKSPARK, Table VII).
+"""Free space measured: build times, coverage, and how many random cells can be decomposed (IKSPARK, Table VII).
 
-A cell counts as built when every moving sphere has a cuboid or polytope that it can be in while the tool is at the target:
-pairs are pruned by distances along the chain and, one by one, by the relaxation of IKSPARK's Problem 7 (Remark 8).
+A cell counts as built when every moving sphere has a cuboid or polytope that it can be in while the tool is at the
+target: pairs are pruned by distances along the chain and, one by one, by the relaxation of IKSPARK's Problem 7
+(Remark 8).
 """
 
 from __future__ import annotations

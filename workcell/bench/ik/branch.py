@@ -38,8 +38,8 @@ _WIDE = Tolerances(position=1e-3, rotation=1e-2)
 def cut_problem(problem: IKProblem, seed: int = 0) -> IKProblem:
     """The same problem with a box over every solution that sampling and branch and bound find, until they find none.
 
-    Each box holds the centre of a sphere of the found configuration's middle links, and keeps off those of the base, the
-    first and the last link: they are the same, or nearly, for every solution.
+    Each box holds the centre of a sphere of the found configuration's middle links, and keeps off those of the base,
+    the first and the last link: they are the same, or nearly, for every solution.
     """
     assert problem.cover is not None
     rng = np.random.default_rng([seed, 9])

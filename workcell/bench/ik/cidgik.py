@@ -1,4 +1,4 @@
-"""CIDGIK's experiments measured again, with its protocol: random reachable goals among spheres (Tables II to IV)."""
+"""CIDGIK's experiments measured again, by its protocol: random reachable goals among spheres (Tables II to IV)."""
 
 from __future__ import annotations
 

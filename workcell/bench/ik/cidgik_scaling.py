@@ -39,7 +39,7 @@ def _spheres(n: int, seed: int, sets: Path | None) -> list[Row]:
 
 
 def crowded_problems(robot: Robot, cover: SphereCover, count: int, n: int, seed: int) -> list[IKProblem]:
-    """Tool poses of random configurations among `count` spheres of 5 cm, of which up to `HUGGING` stand around the arm.
+    """Tool poses of random configurations among `count` spheres of 5 cm, up to `HUGGING` of them around the arm.
 
     The others are anywhere within reach, clear of the configuration by a centimetre or more.
     """

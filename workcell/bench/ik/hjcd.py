@@ -1,4 +1,4 @@
-"""HJCD-IK's tables measured again: batch sizes (Table I), joints (Table II), and the throughput over many targets.
+"""HJCD-IK's tables measured again: batch sizes (Table I), joints (Table II), throughput over many targets.
 
 Times of the paper are wall-clock milliseconds on an RTX 4060 laptop; ours are CPU milliseconds of one core. Its error
 columns were not available to us.
@@ -35,7 +35,8 @@ _PAPER_BATCH = {
 }
 _PAPER_DOF = dict(zip(DOFS, (7.80, 9.69, 15.76, 23.05), strict=True))
 
-# Franka Emika Panda, modified Denavit-Hartenberg parameters (a, d, alpha) and limits, from the manufacturer's documentation.
+# Franka Emika Panda, modified Denavit-Hartenberg parameters (a, d, alpha) and limits, from the manufacturer's
+# documentation.
 _PANDA = (
     (0.0, 0.333, 0.0, -2.8973, 2.8973),
     (0.0, 0.0, -0.5, -1.7628, 1.7628),

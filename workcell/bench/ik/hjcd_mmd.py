@@ -1,9 +1,10 @@
 """HJCD-IK's Table III measured again: how well its solutions of one target cover all of them.
 
 The paper compares 50 solutions with 50 of TRAC-IK from random seeds by the maximum mean discrepancy (MMD, Gretton et
-al., A Kernel Two-Sample Test, 2012), and names neither kernel nor bandwidth. Here the kernel is Gaussian; its bandwidth is the
-median distance among the reference solutions of the target. The reference are uniform seeds, each polished by itself
-and kept if it converges. Two disjoint halves of it against each other give the floor that perfect sampling reaches.
+al., A Kernel Two-Sample Test, 2012), and names neither kernel nor bandwidth. Here the kernel is Gaussian; its
+bandwidth is the median distance among the reference solutions of the target. The reference are uniform seeds, each
+polished by itself and kept if it converges. Two disjoint halves of it against each other give the floor that perfect
+sampling reaches.
 """
 
 from __future__ import annotations

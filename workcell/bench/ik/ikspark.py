@@ -69,8 +69,8 @@ def bench_conic_vs_cvxpy(n: int, seed: int, robot: str = ROBOT) -> list[Row]:
     """One linear function minimised over the relaxation of each pose: Clarabel directly, and through cvxpy.
 
     `cvxpy-dpp` is the same reduced formulation, compiled once with goal and objective as parameters;
-    `cvxpy-rebuilt` is `workcell.ik.ikspark.plain`, built anew for each pose. `next` rows keep the pose and change the objective,
-    as restarts and Problem 3 do. `success` is the share whose optimal values agree to 1e-5.
+    `cvxpy-rebuilt` is `workcell.ik.ikspark.plain`, built anew for each pose. `next` rows keep the pose and change the
+    objective, as restarts and Problem 3 do. `success` is the share whose optimal values agree to 1e-5.
     """
     problems = reachable_problems(robot, n, seed)
     directions = np.random.default_rng(seed).standard_normal((n, relaxation_of(problems[0]).lift.size))

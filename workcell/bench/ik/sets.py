@@ -1,4 +1,4 @@
-"""Benches of the solvers on problem sets: files in a folder, or generated ones for the robots that travel with workcell."""
+"""Benches of the solvers on problem sets: files in a folder, or generated ones for workcell's own robots."""
 
 from __future__ import annotations
 
@@ -51,8 +51,11 @@ class _FileRows:
 
 
 def _file_rows(n: int, seed: int, sets: Path | None, seeds: int = 1, jobs: int = 1) -> list[Row]:
-    """Two rows a file. Of several seeds the smallest rates and the largest times are reported; the baseline, which spends
-    its whole budget on everything that is impossible, runs once."""
+    """Two rows a file.
+
+    Of several seeds the smallest rates and the largest times are reported; the baseline, which spends its
+    whole budget on everything that is impossible, runs once.
+    """
     for file in (files := _set_files(sets)):
         load_problem_set(file)  # what is wrong in one is said before hours of work
     turns = {"auto": range(seed, seed + seeds), "multistart": range(seed, seed + 1)}

@@ -47,7 +47,7 @@ class Descent:
 
 
 def descend(problem: IKProblem, q: Array, part: str, boxes: int, seed: int) -> Descent:
-    """Try `boxes` boxes around `q` (free joints of the goal included) with one of `PARTS`; ends at the first violation."""
+    """Try `boxes` boxes around `q` (free joints of the goal included) with one of `PARTS`, to the first violation."""
     from workcell.bench.reference import descents
 
     descents.seed(seed % 2**32)

@@ -151,7 +151,10 @@ def path_row(
 
 
 def proof_rows(n: int, seed: int, sets: Path | None) -> list[Row]:
-    """Proofs of random joint paths of the Sawyer (22 spheres or so) among 30 boxes, checked densely; planted grazes; plans."""
+    """Proofs of random joint paths of the Sawyer among 30 boxes, checked densely; planted grazes; plans.
+
+    The Sawyer has 22 spheres or so.
+    """
     robot, cover = bench_robot("sawyer")
     rng = np.random.default_rng(seed)
     proved, wrong, missed, cpu, looks = 0, 0, 0, [], []
@@ -240,5 +243,7 @@ def _graze(prover: CoverProver, cover: SphereCover, points: Array, rng: np.rando
 BENCHES = (
     Bench("plan", 50, f"workcell plan on problem-set files; paths keep {1e3 * ROOM:g} mm where they can", plan_rows),
     Bench("plan-ompl", 20, "OMPL with the compiled proof of edges, on the same files (extra: ompl)", ompl_rows),
-    Bench("plan-proof", 1000, "continuous proofs of random paths, checked every 1e-4 rad, and planted grazes", proof_rows),
+    Bench(
+        "plan-proof", 1000, "continuous proofs of random paths, checked every 1e-4 rad, and planted grazes", proof_rows
+    ),
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""How short paths get with time: ours optimised, alone and with ever more goals, and OMPL's optimal planners beside them."""
+"""How short paths get with time: ours optimised, alone and with ever more goals, beside OMPL's optimal planners."""
 
 from __future__ import annotations
 
@@ -40,7 +40,10 @@ Method = Callable[[NamedProblem, Array, Array, int], Answer]
 
 
 def optimal_rows(n: int, seed: int, sets: Path | None) -> list[Row]:
-    """Mean lengths by file and method. `given` has the goals that OMPL's planners have; `workcell` looks for its own."""
+    """Mean lengths by file and method.
+
+    `given` has the goals that OMPL's planners have; `workcell` looks for its own.
+    """
     prepare_optimising()
     rows = []
     for name in FILES:
@@ -131,6 +134,11 @@ def _ompl(planner: str, budget_s: float, simplify: bool) -> Method:
 
 
 BENCHES = (
-    Bench("plan-optimal", 4, "how short paths get in 0.1 s and 1 s; OMPL's optimal planners beside it (extra: ompl)", optimal_rows),
-)  # fmt: skip
+    Bench(
+        "plan-optimal",
+        4,
+        "how short paths get in 0.1 s and 1 s; OMPL's optimal planners beside it (extra: ompl)",
+        optimal_rows,
+    ),
+)
 """How short paths get with time."""

@@ -122,5 +122,10 @@ def _row(name: str, found: list[tuple[float, float, Array]], n: int, refused: in
 
 
 BENCHES = (
-    Bench("retime", 10, "limits used by timed motions, and the package toppra beside ours (extra: timing)", retime_rows),
-)  # fmt: skip
+    Bench(
+        "retime",
+        10,
+        "limits used by timed motions, and the package toppra beside ours (extra: timing)",
+        retime_rows,
+    ),
+)

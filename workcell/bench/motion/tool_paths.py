@@ -1,4 +1,4 @@
-"""Following straight tool paths in the shelf cell: how fast, how far off the line, how continuous, and how often at all."""
+"""Following straight tool paths in the shelf cell: how fast, how far off, how continuous, how often at all."""
 
 from __future__ import annotations
 
@@ -96,7 +96,10 @@ def _has_configuration(world: PlanningWorld, pose: Pose) -> bool:
 
 
 def measure(world: PlanningWorld, result: FollowResult, poses: tuple[Pose, ...]) -> Measured:
-    """The motion against the line itself, and its clearance, on the compiled model at `_BETWEEN` places of each segment."""
+    """The motion against the line itself, and its clearance on the compiled model.
+
+    Both at `_BETWEEN` places of each segment.
+    """
     path = result.path
     assert path is not None
     u = np.linspace(0.0, len(path) - 1, _BETWEEN * (len(path) - 1) + 1)
@@ -119,7 +122,10 @@ def follow_line(n: int, seed: int, sets: Path | None) -> list[Row]:
 
 
 def arm_rows(robot: str, n: int, seed: int) -> list[Row]:
-    """The start chosen and the line followed, until n were; those lines from that start by local steps; by IKSPARK alone."""
+    """The start chosen and the line followed, until n were; then those lines from that start in other ways.
+
+    By local steps, and by IKSPARK alone.
+    """
     world = PlanningWorld.of(Scene.load("shelf", robot=robot), seed=seed)
     lines = feasible_lines(world, seed)
     _route(world, next(feasible_lines(world, seed)), seed)  # loads and compiles

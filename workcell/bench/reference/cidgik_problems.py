@@ -20,8 +20,8 @@ ROBOTS = ("ur10", "kuka", "lwa4d")
 ENVIRONMENTS = ("free", "octahedron", "cube", "icosahedron")
 _GOLDEN = 0.5 * (1.0 + np.sqrt(5.0))
 
-# KUKA iiwa of the CIDGIK experiments, from graphIK's kuka_iiwr.urdf: standard Denavit-Hartenberg d in metres, alpha in right
-# angles, all a zero. Its wrist has no offset; the tool frame is that of the last link.
+# KUKA iiwa of the CIDGIK experiments, from graphIK's kuka_iiwr.urdf: standard Denavit-Hartenberg d in metres, alpha in
+# right angles, all a zero. Its wrist has no offset; the tool frame is that of the last link.
 _KUKA = ((0.36, -1), (0.0, 1), (0.42, 1), (0.0, -1), (0.4, -1), (0.0, 1), (0.081, 0))
 # SCHUNK LWA 4D, from graphIK's lwa4d.urdf.
 _LWA4D = ((0.24, -1), (0.0, 1), (0.328, -1), (0.0, 1), (0.323, -1), (0.0, 1), (0.0824, 0))

@@ -1,9 +1,9 @@
 """Every configuration that reaches a pose, in closed form: a judge of "no solution" that knows nothing of boxes.
 
-Products of exponentials about the axes of the zero configuration; each angle follows from one equation a + b cos q + c sin q
-= 0 (Paden and Kahan's subproblems; Murray, Li and Sastry, A Mathematical Introduction to Robotic Manipulation, section
-3.3). Two families: six joints, the second to fourth parallel and the last two meeting (Universal Robots); seven with a
-spherical shoulder and wrist (KUKA iiwa), where one joint angle is given.
+Products of exponentials about the axes of the zero configuration; each angle follows from one equation a + b cos q +
+c sin q = 0 (Paden and Kahan's subproblems; Murray, Li and Sastry, A Mathematical Introduction to Robotic
+Manipulation, section 3.3). Two families: six joints, the second to fourth parallel and the last two meeting
+(Universal Robots); seven with a spherical shoulder and wrist (KUKA iiwa), where one joint angle is given.
 """
 
 from __future__ import annotations
@@ -94,7 +94,9 @@ def parallel_arm(robot: Robot, target: Pose) -> Array:
 
 
 def spherical_arm(robot: Robot, target: Pose, third: float) -> Array:
-    """(k, 7) angles in [-pi, pi) of an arm with spherical shoulder and wrist whose third joint is at `third`, up to eight.
+    """(k, 7) angles in [-pi, pi) of an arm with spherical shoulder and wrist, up to eight.
+
+    Its third joint is at `third`.
 
     Raises:
         InputError: axes one to three, or five to seven, don't meet in a point.

@@ -1,4 +1,4 @@
-"""Random descents towards planted solutions, compiled: millions of boxes that hold one, and no contractor may lose it."""
+"""Random descents towards planted solutions, compiled: millions of boxes with one, which no contractor may lose."""
 
 from __future__ import annotations
 

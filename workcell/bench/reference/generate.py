@@ -27,8 +27,8 @@ def generate(robot: Robot, cover: SphereCover, kind: str, n: int, seed: int = 0)
     Args:
         robot: serial; its default tool is the one to place.
         cover: its spheres.
-        kind: `free` (no obstacles), `random` (boxes strewn through the reach), `workcell` (one cell with a table, a rack
-            and a post, scaled by the reach), each with targets of random configurations that are clear; or
+        kind: `free` (no obstacles), `random` (boxes strewn through the reach), `workcell` (one cell with a table, a
+            rack and a post, scaled by the reach), each with targets of random configurations that are clear; or
             `unreachable` (in turn beyond the chain's length, and with a box on a sphere of the last link).
         n: number of problems.
         seed: same seed, same set.
@@ -115,7 +115,7 @@ class _Maker:
         )
 
     def _hits_base(self, box: Piece) -> bool:
-        """Whether a box touches what hardly moves: the spheres of the base and of the first link, wherever it points."""
+        """Whether a box touches what hardly moves: the spheres of base and first link, wherever that points."""
         fixed = self.cover.link <= 1
         if not np.any(fixed):
             return False

@@ -1,4 +1,4 @@
-"""Problems with a known solution: random chains and real arms, targets anywhere in the tolerance ball, obstacles around.
+"""Problems with a known solution: random chains, real arms, targets anywhere in the tolerance ball, obstacles.
 
 They are for tests that no proof ever loses a solution. Wrong answers on problems without solution can't show such a
 bug.
@@ -103,7 +103,7 @@ def _free_angles(goal: Goal, rng: np.random.Generator) -> Array:
 def surround(
     problem: IKProblem, q: Array, rng: np.random.Generator, count: int = 12, pairs: int = 0
 ) -> IKProblem:
-    """The same problem with spheres on the links, obstacles of every kind and pairs of spheres, that barely leave `q` free."""
+    """The same problem with spheres on the links, obstacles of every kind and pairs of spheres; `q` is barely free."""
     robot = problem.robot
     link = rng.integers(0, robot.dof + 1, size=10)
     cover = SphereCover(link, rng.normal(size=(10, 3)) * 0.05, rng.uniform(0.02, 0.12, size=10))

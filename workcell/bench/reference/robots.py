@@ -6,7 +6,8 @@ from workcell.geometry.types import SphereCover
 from workcell.model.robot import Robot
 
 OVERSHOOT = 0.03
-"""Metres by which the spheres of the generated sets may exceed the robots' shapes: about as coarse as hand-made covers."""
+"""Metres by which the spheres of the generated sets may exceed the robots' shapes: about as coarse as covers made by
+hand."""
 
 
 def bench_robot(name: str) -> tuple[Robot, SphereCover]:

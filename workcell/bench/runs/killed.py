@@ -36,7 +36,7 @@ _EARLIER = ("long.rrd", "long.json", "notes.txt")
 
 
 def _one(folder: Path, until: float) -> tuple[bool, float, bool]:
-    """Kill one run once it has simulated `until` seconds: readable, seconds lost, and whether other files are intact."""
+    """Kill one run once it has simulated `until` s: readable, seconds lost, and whether other files are intact."""
     (folder / "long.toml").write_text(_TASK)
     (folder / "long.py").write_text(_SCRIPT)
     out = folder / "out"

@@ -1,4 +1,4 @@
-"""Whole tasks, a process each: planning, tracking, clearance, and what a user waits for, the first time and later."""
+"""Whole tasks, a process each: planning, tracking, clearance, and what a user waits for, at first and later."""
 
 from __future__ import annotations
 

@@ -25,7 +25,10 @@ _TOOL_SPEED = 0.5
 _CLEAR = 0.01
 """Metres that the motions keep, at twenty places on the way."""
 
-_CELL = '<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><site name="robot_mount"/></worldbody></mujoco>'
+_CELL = (
+    '<mujoco><option timestep="0.002" integrator="implicitfast"/>'
+    '<worldbody><site name="robot_mount"/></worldbody></mujoco>'
+)
 _WEIGHT = """<mujoco><worldbody><body name="weight">
 <geom type="cylinder" size="0.04 0.04" mass="{mass}" contype="0" conaffinity="0"/></body></worldbody></mujoco>"""
 _TASK = """format = "workcell-task/1"
@@ -94,9 +97,10 @@ def motions(scene: Scene, n: int, seed: int) -> Iterator[Trajectory]:
 
 
 def tracking(n: int, seed: int, sets: Path | None) -> list[Row]:
-    """`n` motions there and back at 0.5 m/s, each with half the rated payload in the hand, for every arm, controller and case.
+    """`n` motions there and back at 0.5 m/s, for every arm, controller and case.
 
-    Guards are off: what is reported is the largest distance of the tool from its reference, at any control step.
+    Each with half the rated payload in the hand. Guards are off: what is reported is the largest distance of
+    the tool from its reference, at any control step.
     """
     rows: list[Row] = []
     free = Settings(stop_on_contact=False, max_error_m=np.inf, max_error_rad=np.inf)

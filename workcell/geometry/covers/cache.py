@@ -1,9 +1,9 @@
 """Sphere covers on disk: made once, by content. Results are the same with and without it, and it never fails.
 
-An entry is `covers/KEY.npz` (the arrays, no pickle) beside `covers/KEY.json` (format, key, count, checksum of the arrays).
-The key is a hash of all that a cover depends on: the pieces, the overshoot, and the source of this folder. Entries are
-written under another name and then renamed; one whose checksum, key or shapes don't fit is reported in one line and made
-anew. The folder may be deleted at any time.
+An entry is `covers/KEY.npz` (the arrays, no pickle) beside `covers/KEY.json` (format, key, count, checksum of the
+arrays). The key is a hash of all that a cover depends on: the pieces, the overshoot, and the source of this folder.
+Entries are written under another name and then renamed; one whose checksum, key or shapes don't fit is reported in
+one line and made anew. The folder may be deleted at any time.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def cached_cover(
 
 
 def cache_folder() -> Path | None:
-    """WORKCELL_CACHE_DIR, or `workcell` in XDG_CACHE_HOME or in `~/.cache`; None where caching is off or has no home."""
+    """WORKCELL_CACHE_DIR, or `workcell` in XDG_CACHE_HOME or `~/.cache`; None where caching is off or has no home."""
     chosen = os.environ.get(FOLDER_VARIABLE)
     if chosen is not None:
         return Path(chosen) if chosen else None

@@ -31,7 +31,8 @@ _TIGHTNESS = 5e-5
 """Metres: half the edge of the cells that decide how small each ball may be."""
 
 _PAD = 8e-5
-"""Metres added to every radius in the end: more than the diameter of the proof's smallest cells, so that it must succeed."""
+"""Metres added to every radius in the end: more than the diameter of the proof's smallest cells, so that it must
+succeed."""
 
 _CANDIDATES, _SAMPLES, _WORKING = 3000, 12_000, 1500
 """Largest numbers of possible centres, of samples, and of those samples that the search begins with."""

@@ -90,7 +90,7 @@ def inscribed_balls(
 def inner_link_cover(
     links: Sequence[Sequence[Piece]], *, count: int | None = None, share: float | None = None
 ) -> SphereCover:
-    """Inner cover of a robot's links, given each link's pieces in its frame: the balls that fill the most, of all links.
+    """Inner cover of a robot's links, from each link's pieces in its frame: the balls of all links that fill most.
 
     Guaranteed: every sphere lies inside one piece of the link that carries it, hence inside the link as MuJoCo collides
     it. What a configuration makes these spheres hit, it makes the robot hit.
@@ -180,7 +180,7 @@ def volume_samples(pieces: Sequence[Piece], count: int = _SAMPLES) -> tuple[Arra
 
 
 def _spread(count: int, seed: int) -> Array:
-    """Points (count, 3) of the unit cube with low discrepancy: the additive recurrence of the generalised golden ratio."""
+    """Points (count, 3) of the unit cube with low discrepancy: the recurrence of the generalised golden ratio."""
     ratio = 1.2207440846057596  # the real root of x^4 = x + 1
     steps = np.arange(1, count + 1)[:, None] * ratio ** -np.arange(1.0, 4.0)
     points: Array = np.mod(0.5 + 0.37 * seed + steps, 1.0)
@@ -207,7 +207,7 @@ def _candidates(shape: ObstacleArrays, samples: Array) -> Array:
 def _fill(
     centres: Array, radii: Array, samples: Array, limit: int, share: float
 ) -> tuple[NDArray[np.int64], Array]:
-    """Indices (m,) of balls, and how many samples (m,) each adds: greedily, then every ball exchanged for a better one."""
+    """Indices (m,) of balls, and how many samples (m,) each adds: greedily, then each exchanged for a better one."""
     holds = _holds(centres, radii, samples)
     chosen = _greedy(holds, limit, share)
     for _ in range(_EXCHANGES if 1 < len(chosen) < 60 else 0):

@@ -1,9 +1,9 @@
-"""Sphere covers of large pieces: the piece's own box cut into cells, a ball around each, small ones only where they must be.
+"""Sphere covers of large pieces: the piece's own box cut into cells, small ones only where they must be.
 
-A ball around a cell sticks out of the piece by its radius plus the signed distance of its centre. Cells that stick out too
-far are cut across their longest side; deep inside, big balls do. A board becomes a lattice of equal balls at once: with
-half edges (a, b, h) of its cells, h being the board's half thickness and the least of the three, a ball sticks out by
-`|(a, b, h)| - h`. A cylinder is cut around its axis: its cells are sectors of rings.
+A ball around each cell sticks out of the piece by its radius plus the signed distance of its centre. Cells that
+stick out too far are cut across their longest side; deep inside, big balls do. A board becomes a lattice of equal
+balls at once: with half edges (a, b, h) of its cells, h being the board's half thickness and the least of the
+three, a ball sticks out by `|(a, b, h)| - h`. A cylinder is cut around its axis: its cells are sectors of rings.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Balls = Callable[[Array, Array], tuple[Array, Array, Array]]
 
 
 def expected_count(piece: Piece, overshoot: float) -> float:
-    """Roughly how many balls a piece takes: its bounding box's surface over the discs that a ball of its size cuts out."""
+    """Roughly how many balls a piece takes: its bounding box's surface over the discs that such a ball cuts out."""
     lower, upper = bounding_box(piece)
     x, y, z = sorted(upper - lower)
     disc = np.pi * (overshoot**2 + overshoot * x)

@@ -1,9 +1,10 @@
 """Covers made tight: every ball as small as the others allow, such that nothing needs dropped.
 
-For one ball after the other, the smallest radius that still covers is the largest distance from its centre to a point of
-the pieces that no other ball holds. Subdivision bounds it from above: cells outside of the pieces, or inside one other
-ball, fall away, and so do those nearer than a point already known to be needed. Balls only shrink, so what one ball was
-found to be needed for stays its own: in the end any ball made smaller by more than the resolution leaves a hole.
+For one ball after the other, the smallest radius that still covers is the largest distance from its centre to a point
+of the pieces that no other ball holds. Subdivision bounds it from above: cells outside of the pieces, or inside one
+other ball, fall away, and so do those nearer than a point already known to be needed. Balls only shrink, so what one
+ball was found to be needed for stays its own: in the end any ball made smaller by more than the resolution leaves a
+hole.
 """
 
 from __future__ import annotations

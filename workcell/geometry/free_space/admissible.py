@@ -1,8 +1,8 @@
 """Which sphere of a robot can ever be inside which cuboid: a table for a cell, computed once, stored, read back.
 
-A pair is dropped only by proof: the joint box of the first joints is cut into cells, and in each of them the sphere's centre
-stays in a ball (chain lengths bound how far each joint can move it, and how far the remaining joints can carry it). If none
-of the balls meets the cuboid shrunk by the sphere's radius, the sphere is never inside.
+A pair is dropped only by proof: the joint box of the first joints is cut into cells, and in each of them the sphere's
+centre stays in a ball (chain lengths bound how far each joint can move it, and how far the remaining joints can carry
+it). If none of the balls meets the cuboid shrunk by the sphere's radius, the sphere is never inside.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Where obstacles stop a growing cuboid's face: closed forms, for many cuboids at once.
 
 For a face that moves along +x, an obstacle stops it at the smallest x of (obstacle and the column behind which the
-cuboid stands). For a box along the axes, a ball and a half-space that is one formula. For a polytope the smallest x is at
-one of its vertices inside the column, at an edge's crossing of a side of the column, or where one of the column's four
-edges enters it. Other curved pieces stand as polytopes around them, hence on the safe side.
+cuboid stands). For a box along the axes, a ball and a half-space that is one formula. For a polytope the smallest x
+is at one of its vertices inside the column, at an edge's crossing of a side of the column, or where one of the
+column's four edges enters it. Other curved pieces stand as polytopes around them, hence on the safe side.
 """
 
 from __future__ import annotations
@@ -118,7 +118,10 @@ class Blockers:
 
 @dataclass(frozen=True, slots=True)
 class _Pack:
-    """Polytopes of similar size, padded: vertices (k, v, 3), edge ends (k, e, 3) each, planes (k, f, 4), bounds (k, 3)."""
+    """Polytopes of similar size, padded: vertices, edge ends, planes and bounds.
+
+    Vertices (k, v, 3), edge ends (k, e, 3) each, planes (k, f, 4), bounds (k, 3).
+    """
 
     vertices: Array
     start: Array

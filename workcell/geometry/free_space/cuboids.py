@@ -1,4 +1,4 @@
-"""Free space as axis-aligned cuboids: inflation from seeds (Wu and Tron, IKSPARK, Algorithm 3), each cuboid proved free."""
+"""Free space as axis-aligned cuboids, each proved free: inflation from seeds (Wu and Tron, IKSPARK, Alg. 3)."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def inflate_cuboids(
 
     All cuboids grow in sweeps: each active face moves by the largest step up to Delta that stays in the workspace
     and off every obstacle, and rests for good when that is zero. The paper finds the step by bisection; here it is
-    known in closed form (`workcell.geometry.free_space.blockers`). Seeds inside an obstacle or outside the workspace are
-    skipped and counted; duplicates and cuboids inside others are dropped.
+    known in closed form (`workcell.geometry.free_space.blockers`). Seeds inside an obstacle or outside the workspace
+    are skipped and counted; duplicates and cuboids inside others are dropped.
 
     Args:
         seeds: (k, 3) metres.

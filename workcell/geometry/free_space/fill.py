@@ -1,4 +1,7 @@
-"""The free space of a cell: seeds where the robot is and will be, the best cuboids, polytopes where those fit badly."""
+"""The free space of a cell: seeds where the robot is and will be, the best cuboids, and some polytopes.
+
+Polytopes stand where cuboids fit badly.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +48,7 @@ def fill_free_space(
     seed: int = 0,
     most: int = 12,
 ) -> FreeSpace:
-    """Cuboids from seeds at the given configurations and points, at random free ones, and anywhere; the best of them.
+    """Cuboids from seeds at given configurations and points, at random free ones, and anywhere; the best of them.
 
     Args:
         robot, cover, obstacles: what moves among what.
@@ -88,7 +91,7 @@ def with_polytopes(
     seed: int = 0,
     most: int = 8,
 ) -> FreeSpace:
-    """The same, with polytopes around spheres that no cuboid holds, until none of the sampled ones is left or `most`.
+    """The same, with polytopes around spheres that no cuboid holds, until no sampled one is left or `most`.
 
     Each grows from the centre of a sphere, drawn from random free configurations, that is still left, and is kept if it
     holds some.

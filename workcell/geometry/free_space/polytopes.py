@@ -1,7 +1,8 @@
-"""Free space as general convex polytopes: inflation from seeds by separating planes and ellipsoids (IRIS), each proved free.
+"""Free space as convex polytopes: inflation from seeds by separating planes and ellipsoids (IRIS), proved free.
 
-Deits and Tedrake, "Computing large convex regions of obstacle-free space through semidefinite programming" (2015): planes
-that keep the obstacles out, chosen by the current ellipsoid; then the largest ellipsoid between those planes; and so on.
+Deits and Tedrake, "Computing large convex regions of obstacle-free space through semidefinite programming" (2015):
+planes that keep the obstacles out, chosen by the current ellipsoid; then the largest ellipsoid between those planes;
+and so on.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ _LEAST_GROWTH = 0.02
 
 
 def inflate_polytope(seed: ArrayLike, obstacles: Sequence[Piece], bounds: ArrayLike) -> FreePolytope | None:
-    """Grow a convex polytope around a point until its largest ellipsoid hardly grows any more; the point stays inside.
+    """Grow a convex polytope around a point until its largest ellipsoid hardly grows; the point stays inside.
 
     Args:
         seed: (3,) metres.
@@ -103,7 +104,7 @@ def _planes_around(ellipsoid: Ellipsoid, obstacles: Sequence[Piece], box: Array)
 
 
 def _distance(ellipsoid: Ellipsoid, piece: Piece, normal: Array) -> float:
-    """How far a plane with this normal that supports the piece is from the ellipsoid's centre, in the ellipsoid's measure."""
+    """How far a plane with this normal that supports the piece is from the centre, in the ellipsoid's measure."""
     ahead = -float(support(piece, -normal)) - float(normal @ ellipsoid.centre)
     return ahead / float(np.linalg.norm(ellipsoid.shape.T @ normal))
 

@@ -1,4 +1,4 @@
-"""The parts of a compiled `Scene` from a task file or a cell: robots and objects are attached with `MjSpec.attach`."""
+"""The parts of a compiled `Scene` from a task file or a cell: robots and objects attached by `MjSpec.attach`."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ def scene_robot(
 def _fingers(
     model: mujoco.MjModel, bodies: frozenset[int], prefix: str, home: dict[str, float]
 ) -> tuple[tuple[int, float], ...]:
-    """(address in qpos, home value) of the hinges and slides of some bodies; without a keyframe they begin at `qpos0`."""
+    """(address in qpos, home value) of the hinges and slides of some bodies; without a keyframe those of `qpos0`."""
     import mujoco
 
     found = []

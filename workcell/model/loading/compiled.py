@@ -146,9 +146,10 @@ def _tools(model: mujoco.MjModel, bodies: set[int], prefix: str, walk: _Walk) ->
 
 
 def is_gripper(model: mujoco.MjModel) -> bool:
-    """Whether a model by itself is a hand: its one actuator, `gripper`, drives no joint directly; or a tool without joints.
+    """Whether a model by itself is a hand.
 
-    A tool without joints is a body with a site `tool`, such as a stylus.
+    It is one if its one actuator, `gripper`, drives no joint directly; or if it is a tool without joints. A
+    tool without joints is a body with a site `tool`, such as a stylus.
     """
     actuators = [model.actuator(i).name for i in range(model.nu)]
     if not actuators and model.njnt == 0:

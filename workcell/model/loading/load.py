@@ -1,4 +1,4 @@
-"""Model files to `MjSpec` and to `Robot`: one door for our own robots, and for any MJCF or URDF that users bring."""
+"""Model files to `MjSpec` and to `Robot`: one door for our own robots, and for any MJCF or URDF of users."""
 
 from __future__ import annotations
 

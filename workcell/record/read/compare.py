@@ -71,7 +71,8 @@ class Comparison:
         metrics: of both, in the order of names.
         motions: robots in both.
         cuboids: links that are in other cuboids: robot/link, first, second.
-        stages: of the solvers, where their numbers differ: what was asked, solver, stage, times in the first, in the second.
+        stages: of the solvers, where their numbers differ: what was asked, solver, stage, times in the first, in the
+            second.
         events: lines of the log, `-` only in the first, `+` only in the second, without their times.
     """
 
@@ -171,7 +172,10 @@ def _short(value: Any) -> str:
 
 def _metrics(first: Review, second: Review) -> list[MetricDifference]:
     ranges = [{row.name: (row.minimum, row.maximum) for row in review.metrics} for review in (first, second)]
-    return [MetricDifference(name, ranges[0].get(name), ranges[1].get(name)) for name in sorted({*ranges[0], *ranges[1]})]  # fmt: skip
+    return [
+        MetricDifference(name, ranges[0].get(name), ranges[1].get(name))
+        for name in sorted({*ranges[0], *ranges[1]})
+    ]
 
 
 def _motions(first: Review, second: Review) -> list[MotionDifference]:
@@ -224,7 +228,10 @@ def _heads(first: Review, second: Review) -> list[Any]:
 
 def _cells(row: MetricDifference) -> tuple[str, ...]:
     scale, unit = unit_of(row.name)
-    pairs = [("-", "-") if r is None else (f"{scale * r[0]:.3f}", f"{scale * r[1]:.3f}") for r in (row.first, row.second)]  # fmt: skip
+    pairs = [
+        ("-", "-") if r is None else (f"{scale * r[0]:.3f}", f"{scale * r[1]:.3f}")
+        for r in (row.first, row.second)
+    ]
     return (f"{label_of(row.name)} {unit}".rstrip(), pairs[0][0], pairs[1][0], pairs[0][1], pairs[1][1])
 
 

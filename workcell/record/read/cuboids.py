@@ -84,7 +84,7 @@ class CuboidRow:
 
 
 def link_uses(contents: Contents) -> tuple[LinkUse, ...]:
-    """What a recording holds about the cuboids in use, by robot, from base to tool; what can't be understood is left out."""
+    """What a recording holds about the cuboids in use, by robot, base to tool; without what can't be understood."""
     found = []
     for path, entity in sorted(contents.below(f"world/{IN_USE}").items()):
         names = path.split("/")

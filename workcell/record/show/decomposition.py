@@ -44,8 +44,10 @@ def draw_decomposition(decomposition: Decomposition, path: str | Path) -> None:
     metrics = decomposition.metrics
     figure.suptitle(
         f"{decomposition.scene}: {metrics['robot_spheres']} spheres on the arm, {metrics['base_spheres']} on its base, "
-        f"{metrics['obstacle_spheres']} on obstacles (at most {1e3 * metrics['robot_overshoot_max_m']:.0f} mm outside); "
-        f"{metrics['cuboids']} cuboids and {metrics['polytopes']} polytopes that hold {100 * metrics['covered_fraction']:.1f} % of the free workspace",
+        f"{metrics['obstacle_spheres']} on obstacles "
+        f"(at most {1e3 * metrics['robot_overshoot_max_m']:.0f} mm outside); "
+        f"{metrics['cuboids']} cuboids and {metrics['polytopes']} polytopes "
+        f"that hold {100 * metrics['covered_fraction']:.1f} % of the free workspace",
         fontsize=14,
     )
     try:

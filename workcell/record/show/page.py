@@ -40,7 +40,8 @@ td.n, th.n { text-align: right; font-variant-numeric: tabular-nums }
 img { max-width: 100% } .film { display: flex; gap: 24px } .film img { width: 640px }
 .film ol { list-style: none; margin: 0; padding: 0; font-size: 14px }
 @media (max-width: 1000px) { .film { flex-wrap: wrap } }
-.film li { cursor: pointer; padding: 2px 8px; border-left: 4px solid transparent } .film li.now { border-color: #1f6fb4 }
+.film li { cursor: pointer; padding: 2px 8px; border-left: 4px solid transparent }
+.film li.now { border-color: #1f6fb4 }
 input[type=range] { width: 640px; max-width: 100% } details { margin-top: 8px }
 """
 _SCRIPT = """
@@ -96,8 +97,10 @@ def page(review: Review) -> str:
     if has_planner_view(review):
         parts += ["<h2>What the planner sees</h2>", _image(planner_view(review), "spheres and free cuboids")]
     parts += ["<h2>Over time</h2>", _image(plot_metrics(review), "metrics over time"), _inventory(review)]
-    head = f'<meta charset="utf-8"><title>{escape(review.task)}: {escape(review.verdict)}</title><style>{_STYLE}</style>'
-    return f'<!doctype html>\n<html lang="en"><head>{head}</head>\n<body>\n' + "\n".join(parts) + "\n</body></html>\n"  # fmt: skip
+    title = f"<title>{escape(review.task)}: {escape(review.verdict)}</title>"
+    head = f'<meta charset="utf-8">{title}<style>{_STYLE}</style>'
+    body = "\n".join(parts)
+    return f'<!doctype html>\n<html lang="en"><head>{head}</head>\n<body>\n{body}\n</body></html>\n'
 
 
 def _facts(review: Review) -> list[tuple[str, str]]:

@@ -31,7 +31,11 @@ _BANNER = {"achieved": "#2e7d32", "not achieved": "#b3261e", "incomplete": "#b77
 
 
 def contact_sheet(review: Review) -> Figure:
-    """Key frames in the order of time, each from two sides (one above the other, or a single one side by side), with the verdict above and the colours explained below."""
+    """Key frames in the order of time, each from two sides.
+
+    One side is above the other, or beside it where there is a single frame; the verdict is above, and the
+    colours are explained below.
+    """
     moments = key_moments(review)
     rows, alone = -(-len(moments) // _COLUMNS), len(moments) == 1
     width, height = tile = _ALONE if alone else _TILE

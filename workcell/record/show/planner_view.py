@@ -152,7 +152,7 @@ def _runs(links: list[str], order: list[str]) -> str:
 
 
 def _outline(thing: Thing) -> tuple[list[Array], Array, Array]:
-    """Edges of a cuboid, or of all triangles of a polytope, each as points (k, 3), and the corners of the box around it."""
+    """Edges of a cuboid, or all triangles of a polytope, as points (k, 3) each, and the corners of the box around."""
     vertices = np.concatenate([mesh.vertices for mesh, _ in thing.parts])
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     if np.all((np.abs(vertices - low) < _CORNER_M) | (np.abs(vertices - high) < _CORNER_M)):

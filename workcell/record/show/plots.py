@@ -24,8 +24,10 @@ _WIDE_ENOUGH = 0.015
 
 
 def plot_metrics(review: Review) -> Figure:
-    """Panels over simulated time, events as thin lines: clearance, tracking error, which cuboids the links are in, other
-    metrics, joint positions. Last, over the solvers' steps, the rank residuals of their iterations.
+    """Panels over simulated time, with events as thin lines.
+
+    Clearance, tracking error, which cuboids the links are in, other metrics, joint positions. Last, over the
+    solvers' steps, the rank residuals of their iterations.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -110,7 +112,7 @@ def _draw_cuboids(panel: Any, *, review: Review) -> None:
 
 
 def _draw_residuals(panel: Any, *, review: Review) -> None:
-    """Rank residuals down to where a point counts as a configuration; a line for each restart, a colour for each query."""
+    """Rank residuals down to where a point counts as a configuration; a line a restart, a colour a query."""
     colour = 0
     for query in review.queries:
         lines: list[list[tuple[int, float]]] = []

@@ -19,9 +19,9 @@ def make_blueprint(
 ) -> Any:
     """The blueprint of a run.
 
-    Left: the run as it happened, a second tab with what the planner saw (spheres, cuboids, those in use coloured by link),
-    and a third with what the solvers did. Right: one time series for each metric and for the joints, the event log, the
-    result, and how many cuboids are in use.
+    Left: the run as it happened, a second tab with what the planner saw (spheres, cuboids, those in use coloured by
+    link), and a third with what the solvers did. Right: one time series for each metric and for the joints, the event
+    log, the result, and how many cuboids are in use.
 
     Args:
         robots, objects: escaped names, as they stand in entity paths.

@@ -1,4 +1,4 @@
-"""Which free-space cuboids the links of the robots are inside, followed through a run and written where it changes."""
+"""Which free-space cuboids the robots' links are inside, followed through a run and written where it changes."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ _INSET_M = 0.006
 class CuboidUse:
     """The cuboids of a recording, numbered as they come, and who is inside them.
 
-    A sphere counts for one cuboid: it keeps the one it is in until it leaves it, and then goes to the one that holds most
-    of its link's spheres. That is geometry alone, whatever the planner was.
+    A sphere counts for one cuboid: it keeps the one it is in until it leaves it, and then goes to the one that holds
+    most of its link's spheres. That is geometry alone, whatever the planner was.
     """
 
     def __init__(self, writer: RrdWriter) -> None:

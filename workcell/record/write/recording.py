@@ -1,4 +1,4 @@
-"""`Recording`: what a run writes while it happens, into one `.rrd` file that needs nothing else to be understood."""
+"""`Recording`: what a run writes while it happens, into one `.rrd` file that needs nothing to be understood."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ class _Buffer:
 class Recording(SceneLog):
     """An `.rrd` file being written. Use it as a context manager.
 
-    Rows are handed to the operating system at least once a simulated second, and about once a second of the clock, so that
-    a killed process leaves a readable file.
+    Rows are handed to the operating system at least once a simulated second, and about once a second of the clock, so
+    that a killed process leaves a readable file.
     While it is open the file is `<name>.partial.rrd`; `close` writes the finished one to `path`. A run that ends with
     an exception keeps the partial file, with the failure as its last event: an earlier recording at `path` is intact.
 
@@ -139,7 +139,7 @@ class Recording(SceneLog):
 
     @contextmanager
     def queries(self, what: str) -> Iterator[None]:
-        """Records every query of inverse kinematics that is answered meanwhile in this thread, with its solver's stages.
+        """Records every query of inverse kinematics that this thread answers meanwhile, with its solver's stages.
 
         Where these are nested, a query counts for the innermost one. `what` says what is asked.
         """

@@ -1,4 +1,7 @@
-"""Writing `.rrd` files with Rerun: the only place, with `reader.py`, that knows its archetypes and its xyzw order."""
+"""Writing `.rrd` files with Rerun.
+
+The only place, with `reader.py`, that knows its archetypes and its xyzw order.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`SceneLog`: the scene in a recording: what stands still, and the poses of what moves. `Recording` is built on it."""
+"""`SceneLog`: the scene in a recording, what stands still and the poses of what moves; `Recording` builds on it."""
 
 from __future__ import annotations
 
@@ -162,8 +162,8 @@ class SceneLog:
     def log_free_space(self, free_space: FreeSpace) -> None:
         """The cuboids, each with its number, and then the polytopes.
 
-        Another free space adds to the first: its cuboids get the numbers that follow, those already there keep theirs. With a
-        cover (`log_cover`), the recording shows from then on which cuboids the links are inside.
+        Another free space adds to the first: its cuboids get the numbers that follow, those already there keep
+        theirs. With a cover (`log_cover`), the recording shows from then on which cuboids the links are inside.
         """
         before = self._cuboids.count
         self._cuboids.add_free_space(free_space)
@@ -172,8 +172,11 @@ class SceneLog:
             self.flush()
 
     def log_world(self, world: PlanningWorld) -> None:
-        """What a planner sees of a scene that is in the recording: the cuboids that are not there yet, and the spheres of a
-        robot that has none yet. The cuboids are free of that world's obstacles; what moves may enter them in another."""
+        """What a planner sees of a scene that is in the recording, as far as it is not there yet.
+
+        That is the cuboids that are not there yet, and the spheres of a robot that has none yet. The cuboids
+        are free of that world's obstacles; what moves may enter them in another.
+        """
         self.log_free_space(world.free_space)
         if world.robot.name not in self._cuboids.robots:
             self.log_cover(world.robot, world.cover, world.scene.initial_qpos())
@@ -236,7 +239,7 @@ class SceneLog:
         self._cuboids.send(indexes, qpos)
 
     def _locate(self) -> None:
-        """Write which cuboids the robots are in where they were last: what has become known since then may change it."""
+        """Write which cuboids the robots were in last: what has become known since then may change it."""
         if self._here is not None:
             times, qpos = self._here
             self._cuboids.send((times, self._step(times)), qpos)

@@ -1,4 +1,4 @@
-"""What of a compiled model is drawn where: bodies sorted into robots, objects and obstacles, each with its shapes."""
+"""What of a compiled model is drawn where: bodies sorted into robots, objects and obstacles, with their shapes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What hands do to an object that they share, against closed forms and MuJoCo's own bookkeeping of constraint forces."""
+"""What hands do to an object that they share, against closed forms and MuJoCo's own constraint forces."""
 
 import mujoco
 import numpy as np
@@ -69,7 +69,7 @@ class Bench:
 
 
 def constraint_force(model, data, weld):
-    """(3,) force of the hand on the object: against what MuJoCo's own pass over the bodies adds to forces from outside."""
+    """(3,) force of the hand on the object: what MuJoCo's own pass over the bodies adds to forces from outside."""
     mujoco.mj_rnePostConstraint(model, data)
     return data.xfrc_applied[weld.hand_body, :3] - data.cfrc_ext[weld.hand_body, 3:]
 
@@ -118,7 +118,7 @@ def test_hands_that_share_the_load_equally_have_none():
 
 
 def test_in_any_motion_the_forces_are_those_of_mujoco_s_own_bookkeeping():
-    """Random forces and moments, a load that sways: the same as what constraints do to each hand's body and its joints."""
+    """Random forces and moments, a load that sways: what constraints do to each hand's body and its joints."""
     rng = np.random.default_rng(3)
     bench = Bench("left", "right", "third")
     strains = []

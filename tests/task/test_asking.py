@@ -1,4 +1,4 @@
-"""What a task plans is recorded: its queries of inverse kinematics under what they are for, and the worlds it plans in."""
+"""What a task plans is recorded: its queries of inverse kinematics, under what they are for, and its worlds."""
 
 from types import SimpleNamespace
 

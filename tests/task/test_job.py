@@ -117,7 +117,7 @@ def test_a_try_is_quiet_and_ends_nothing():
 
 
 def test_a_script_calls_the_parts_by_the_job_s_own_methods():
-    """Every public method of a part is one of the job's, called the same way, but for those that parts use between them."""
+    """Public methods of a part are the job's, called the same way, but for those that parts use between them."""
     between = {"quietly", "asking", "log_way", "log_chunk"}
     job = Job(None, "auto", "computed_torque", 0, None, print, {}, 0.0)
     offered = set()

@@ -25,7 +25,8 @@ Scope = Literal["kinematics", "geometry", "model"]
 """What a proof is about: the kinematics alone (UNREACHABLE), the true geometry (BLOCKED), the conservative model."""
 
 Grounds = Literal["chain", "spheres", "cuboids"]
-"""What a proof rests on: the chain and its limits alone, spheres that collide, spheres that no free cuboid has room for."""
+"""What a proof rests on: the chain and its limits alone, spheres that collide, spheres that no free cuboid has room
+for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,8 +200,8 @@ def _pose(pose: Pose) -> tuple[Array, Array]:
 def proof_scope(problem: IKProblem, grounds: Grounds) -> Scope:
     """What a proof is about, by what it rests on; all who issue one ask here.
 
-    Spheres inside the robot, or given as its shape with no other judge, prove something of the true geometry; spheres that
-    cover it from outside only of the model they belong to, and so do cuboids, which hold a part of the free space.
+    Spheres inside the robot, or given as its shape with no other judge, prove something of the true geometry; spheres
+    that cover it from outside only of the model they belong to, and so do cuboids, which hold a part of the free space.
     """
     if grounds == "chain":
         return "kinematics"

@@ -1,4 +1,6 @@
-"""Solvers and kinds of proof, each named once: what `solve`, the portfolio, the checks and the command line know of them.
+"""Solvers and kinds of proof, each named once.
+
+Here stands what `solve`, the portfolio, the checks and the command line know of them.
 
 A solver is a room of its own under `workcell.ik` and one entry in `SOLVERS`; a kind of proof is its checker and one
 entry in `PROOFS`. Functions stand here by name ("module:function") and are imported when they are first called, since
@@ -29,7 +31,10 @@ _FOREVER = float("inf")
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """A solver's turn in the portfolio: it ends `seconds` (CPU) after it began, and when `share` of the budget is spent."""
+    """A solver's turn in the portfolio.
+
+    It ends `seconds` (CPU) after it began, and when `share` of the budget is spent.
+    """
 
     solver: str
     share: float = 1.0
@@ -43,8 +48,11 @@ class Turn:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far the portfolio has come when a turn is about to begin: its problem, what the solvers counted ("SOLVER.COUNT"),
-    and who has proved, in the conservative model alone, that there is no solution."""
+    """How far the portfolio has come when a turn is about to begin.
+
+    Its problem, what the solvers counted ("SOLVER.COUNT"), and who has proved, in the conservative model
+    alone, that there is no solution.
+    """
 
     problem: IKProblem
     stats: Mapping[str, float]
@@ -66,8 +74,8 @@ class SolverEntry:
         work: what it does, as a stage of a query, where it tells no stages of its own.
         goals: which goals it takes.
         slides: whether it takes sliding joints.
-        prepare: "module:function" that takes the problem and compiles (or loads, or makes once for a scene) what the solver
-            needs: no query's budget pays for that.
+        prepare: "module:function" that takes the problem and compiles (or loads, or makes once for a scene) what the
+            solver needs: no query's budget pays for that.
         resumes: "module:class" of a search that goes on where its last turn ended: made of a problem, with
             `run(deadline, threads)`; empty: every turn begins anew.
         counts_restarts: whether `Budget.iterations`, where given, ends its turns, and not their seconds.
@@ -222,8 +230,11 @@ PROOFS: Mapping[str, ProofEntry] = MappingProxyType(
 
 
 def auto_turns(dof: int, goal: Goal) -> tuple[Turn, ...]:
-    """Turns of `auto`. Nearly all problems that have a solution fall to the first samples, nearly all others to branch and
-    bound, which ends in a proof; what resists both gets longer turns of either, so that neither waits for the other."""
+    """Turns of `auto`.
+
+    Nearly all problems that have a solution fall to the first samples, nearly all others to branch and bound,
+    which ends in a proof; what resists both gets longer turns of either, so that neither waits for the other.
+    """
     if goal not in WHOLE_POSES:
         return (Turn("branch"),)
     return (

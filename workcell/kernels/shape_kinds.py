@@ -1,7 +1,7 @@
 """Numbers of the shapes that obstacles have, in the arrays that the solvers' and planners' kernels take.
 
-Numbers alone, so that those who fill the arrays import no compiler. The judge and the checker of proofs by branch and bound
-know shapes for themselves: they share nothing with solvers.
+Numbers alone, so that those who fill the arrays import no compiler. The judge and the checker of proofs by branch and
+bound know shapes for themselves: they share nothing with solvers.
 """
 
 from __future__ import annotations

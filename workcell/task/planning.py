@@ -48,7 +48,7 @@ class Planning:
     seed: int
 
     def solve(self, problem: IKProblem, what: str) -> IKResult:
-        """A verified configuration; without one the task ends with a proof and what is in the way, where there is a proof."""
+        """A verified configuration; without one the task ends, with any proof and what is in the way."""
         with self.story.asking(what):
             result = solve(problem, solver=self.planner, seed=self.seed)
             if not result.solved:
@@ -86,7 +86,7 @@ class Planning:
         *,
         tolerance: PathTolerance | None = None,
     ) -> Path:
-        """A continuous joint path along tool poses, by fast local steps; without one the task ends with the reason and place."""
+        """A continuous joint path along tool poses, by fast local steps; without one the task ends: why and where."""
         with self.story.asking(what, world):
             problem, rescue = world.problem(poses[0]), step_solver(self.planner, seed=self.seed)
             solver = local_solver(problem, tolerance=tolerance, limits=limits, rescue=rescue, seed=self.seed)
@@ -195,7 +195,7 @@ class Planning:
     def carry(
         self, team: Team, poses: Sequence[Pose], starts: Mapping[str, Array], limits: FollowLimits, what: str
     ) -> Path:
-        """A proved path of all arms that hold an object, along the object's poses; without one the task ends with why."""
+        """A proved path of all arms that hold an object, along its poses; without one the task ends with why."""
         with self.story.asking(what, *team.worlds.values()):
             result = carry(team, poses, starts, limits=limits, solver=self.planner, seed=self.seed)
         if result.path is None or result.proof is None:

@@ -63,7 +63,7 @@ class Story:
 
     @contextmanager
     def asking(self, what: str, *worlds: PlanningWorld) -> Iterator[None]:
-        """Records what the planner sees in `worlds`, then, under `what`, the queries of inverse kinematics made meanwhile."""
+        """Records what the planner sees in `worlds`, then, under `what`, the queries of inverse kinematics made."""
         for world in worlds:
             self.recording.log_world(world)
         with self.recording.queries(what):

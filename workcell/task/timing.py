@@ -1,4 +1,4 @@
-"""The motions of a task: paths timed within torques, proved clear as timed; without one the task ends with the reason."""
+"""The motions of a task: paths timed within torques, proved clear as timed; without one the task ends with why."""
 
 from __future__ import annotations
 
@@ -57,14 +57,18 @@ class Timing:
             self.story.fail("COLLISION", f"{what}: the timed motion is not clear: {proof.reason}")
         use = self._check_torques(dynamics, trajectory, world.attached, what)
         self.story.say(
-            f"{what}: {trajectory.duration:.2f} s, proved {1e3 * TRACKING_ROOM:.0f} mm clear or more, at most {use.share.max():.0%} of {use.joint}'s effort limit"
+            f"{what}: {trajectory.duration:.2f} s, proved {1e3 * TRACKING_ROOM:.0f} mm clear or more, "
+            f"at most {use.share.max():.0%} of {use.joint}'s effort limit"
         )
         return trajectory
 
     def _fastest(
         self, path: Path, tool_speed: float, dynamics: Dynamics, acceleration: float | None = None
     ) -> Trajectory:
-        """The fastest motion in the simulation's time steps; without regard to torques where they don't even hold the arm."""
+        """The fastest motion in the simulation's time steps.
+
+        Without regard to torques where they don't even hold the arm.
+        """
         step = float(self.story.scene.model.opt.timestep)
         limited = functools.partial(retime, path, acceleration=acceleration, tool_speed=tool_speed, dt=step)
         try:
@@ -91,7 +95,7 @@ class Timing:
     def retime_team(
         self, team: Team, path: Path, tool_speed: float, strain: float, what: str
     ) -> tuple[Trajectory, ...]:
-        """One timing for all arms: proved clear of everything and of each other, within torques, the chain hardly strained."""
+        """One timing for all arms: proved clear of all and of each other, within torques, the chain hardly strained."""
         dynamics = TeamDynamics.of(team)
         trajectory = self._fastest(path, tool_speed, dynamics)
         proof = prove_team_motion(team, trajectory, floor=TRACKING_ROOM)
@@ -109,8 +113,9 @@ class Timing:
             held = team.worlds[part.robot_name].attached
             self._check_torques(dynamics.chains[part.robot_name], part, held, what)
         self.story.say(
-            f"{what}: {trajectory.duration:.2f} s for {len(parts)} arms together, proved {1e3 * TRACKING_ROOM:.0f} mm clear or "
-            f"more, the closed chain strained by at most {1e3 * stretch:.3f} mm"
+            f"{what}: {trajectory.duration:.2f} s for {len(parts)} arms together, "
+            f"proved {1e3 * TRACKING_ROOM:.0f} mm clear or more, "
+            f"the closed chain strained by at most {1e3 * stretch:.3f} mm"
         )
         return parts
 
@@ -122,9 +127,10 @@ class Timing:
         tool_speed: float,
         strain: float,
     ) -> tuple[list[tuple[Trajectory, ...]], Scene]:
-        """The motions of a team along stretches of its object's path (team, poses, what), and the scene that they leave behind.
+        """The motions of a team along stretches of its object's path, and the scene that they leave behind.
 
-        Each begins where the one before ends, the first where the arms stand in `scene`: `carry`, then `retime_team`.
+        A stretch is a team, the object's poses and what is said of it. Each begins where the one before ends,
+        the first where the arms stand in `scene`: `carry`, then `retime_team`.
         """
         motions = []
         for team, poses, what in stretches:
@@ -139,7 +145,7 @@ class Timing:
     def _check_torques(
         self, dynamics: ChainDynamics, motion: Trajectory, held: tuple[str, Pose] | None, what: str
     ) -> TorqueUse:
-        """The motion's torques; where they exceed a limit the task ends, and a load that can't even be held is named."""
+        """The motion's torques; where they exceed a limit the task ends, and a load too heavy to hold is named."""
         use = dynamics.use(motion)
         if not use.kept:
             self.story.fail("TORQUE", f"{what}: {self._torque_words(dynamics, use, motion, held)}")

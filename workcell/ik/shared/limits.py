@@ -1,4 +1,7 @@
-"""Interval: where a joint of a problem may be. Every solver asks here; judges and the checker of proofs say it for themselves."""
+"""Interval: where a joint of a problem may be.
+
+Every solver asks here; judges and the checker of proofs say it for themselves.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,8 @@ class Interval:
 
         Args:
             problem: whose limits, reference and largest step count.
-            slack: radians (metres for a prismatic joint) by which limits and step are widened before they are intersected.
+            slack: radians (metres for a prismatic joint) by which limits and step are widened before they are
+                intersected.
         """
         robot, reference = problem.robot, problem.q_reference
         lower, upper = robot.lower, robot.upper
@@ -37,7 +41,7 @@ class Interval:
 
     @property
     def closed(self) -> Interval:
-        """The same where there is a value; where there is none, the lower end alone: something to clip to and draw from."""
+        """The same where there is a value, else the lower end alone: something to clip to and draw from."""
         return Interval(self.lower, np.maximum(self.lower, self.upper))
 
     @property

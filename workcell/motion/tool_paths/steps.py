@@ -105,8 +105,8 @@ def accepted(problem: IKProblem, q: Array, tolerance: PathTolerance) -> IKResult
 class Tolerant:
     """A solver of whole poses, for paths with a tolerance: it is asked for allowed poses, the likeliest first.
 
-    These are that of a proposed configuration, the pose as far from the path as the tool was before, the path's own, and
-    some more in the box.
+    These are that of a proposed configuration, the pose as far from the path as the tool was before, the path's own,
+    and some more in the box.
     """
 
     def __init__(self, solver: Solver, tolerance: PathTolerance) -> None:

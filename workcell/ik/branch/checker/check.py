@@ -147,8 +147,11 @@ def _check_claim(problem: IKProblem, certificate: Certificate) -> str | None:
 
 
 def _scope(problem: IKProblem, obstacles_used: bool) -> str:
-    """What such a proof is about. The rule of `workcell.ik.certificate.proof_scope`, said again: the checker takes nothing on
-    trust from those who issue proofs."""
+    """What such a proof is about.
+
+    The rule of `workcell.ik.certificate.proof_scope`, said again: the checker takes nothing on trust from
+    those who issue proofs.
+    """
     if not obstacles_used:
         return "kinematics"
     kind = None if problem.cover is None else problem.cover.kind

@@ -23,7 +23,8 @@ KINDS = {
     "halfspace": HALFSPACE,
     "hull": HULL,
 }
-"""Pieces that the checker knows, and its own numbers for them: it shares nothing with solvers, their table of shapes included."""
+"""Pieces that the checker knows, and its own numbers for them: it shares nothing with solvers, their table of shapes
+included."""
 _PARALLEL = 1e-4
 _FREE = {"pose": [], "position": [0, 1, 2], "axis": [2]}
 """Axes of the tool about which a goal leaves the target free to turn, outermost first: joints of the target."""

@@ -20,8 +20,9 @@ class World(NamedTuple):
 
     Attributes:
         spheres: (m, 5) index of the frame that carries each, centre in it, radius.
-        obstacles: (k, 24) kind (see `shape_kinds`), rotation (9), position (3), size (3), bounding box (6), first and last row of its
-            vertices and planes (2 x 2, hulls only; -1 otherwise, at 22 and 23 of `vertices`, see `branch`).
+        obstacles: (k, 24) kind (see `shape_kinds`), rotation (9), position (3), size (3), bounding box (6), first and
+            last row of its vertices and planes (2 x 2, hulls only; -1 otherwise, at 22 and 23 of `vertices`, see
+            `branch`).
         vertices: (v, 3) hull vertices in the obstacle's frame.
         planes: (f, 4) hull planes there: outward unit normal and offset.
         pairs: (p, 2) spheres that must keep clear of each other, the one nearer to the base first.

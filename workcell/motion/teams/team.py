@@ -282,7 +282,7 @@ def prove_team_motion(team: Team, trajectory: Trajectory, *, floor: float = 0.0,
 def _models(
     worlds: Mapping[str, PlanningWorld], thing: str, supports: Iterable[str]
 ) -> tuple[CollisionModel, ...]:
-    """For each arm, the distances that count: not those of the hands, and of what the object stands on, to the object."""
+    """For each arm, the distances that count: none from the hands, or what the object stands on, to the object."""
     scene = next(iter(worlds.values())).scene
     robots = [scene.robot(name) for name in worlds]
     hands = [body for robot in robots for body in robot.link_body_ids[robot.robot.tool().link]]

@@ -10,7 +10,13 @@ from workcell.geometry.types import SphereCover
 from workcell.ik.problem import Clearance
 from workcell.model.scene import Scene
 from workcell.motion.path import Path, Trajectory
-from workcell.motion.proofs.on_model import motion_bound, prove_path, prove_segment, trajectory_clearance
+from workcell.motion.proofs.on_model import (
+    motion_bound,
+    prove_by_halving,
+    prove_path,
+    prove_segment,
+    trajectory_clearance,
+)
 from workcell.world.planning_world import PlanningWorld
 
 angle = st.floats(-2.5, 2.5)
@@ -122,3 +128,21 @@ def test_the_margin_leaves_room_for_the_tolerance_of_the_model_s_distances(tmp_p
     proof = prove_segment(world.robot.robot, q, q, world.clearance, world.cover)
     assert proof.proved
     assert proof.margin == pytest.approx(world.clearance(q).distance - 0.01, abs=1e-9)
+
+
+@pytest.mark.parametrize("edges", [[0.0, 2.0], [0.0, 1.0, 2.0], [0.0, 0.3, 1.7, 2.0]])
+def test_whatever_loses_no_more_than_it_says_can_be_proved_by_halving(planar, edges):
+    """A clearance that falls with the first joint, and is said to lose twice as much: 0.1 m are left at the end."""
+    path = Path(planar, [[0.0, 0.0, 0.0], [0.4, 0.5, 0.0], [0.9, 0.0, 0.0]])
+
+    def look(q, half):
+        return Clearance(1.0 - q[0], ("arm", "wall")), 1.0 - q[0] - 2.0 * half[0]
+
+    proof = prove_by_halving(path, look, edges, floor=0.05)
+    assert proof.proved and 0.05 <= proof.margin <= 0.1 + 1e-12
+    too_much = prove_by_halving(path, look, edges, floor=0.101)
+    assert not too_much.proved and too_much.failed_at > 1.9 and "arm and wall" in too_much.reason
+    strays = prove_by_halving(path, look, edges, floor=0.05, slack=[[0.0, 0.0, 0.0], [0.06, 0.0, 0.0]])
+    assert not strays.proved
+    given_up = prove_by_halving(path, look, edges, floor=0.05, max_evaluations=1)
+    assert not given_up.proved and given_up.reason.startswith("no proof within")

@@ -71,7 +71,7 @@ def test_arms_that_approach_each_other_are_not_proved(scene, team):
     inwards[0], inwards[7] = inwards[0] - 1.3, inwards[7] + 1.3
     proof = prove_team(team, Path(team.robot, np.stack([start(scene), inwards])))
     assert not proof.proved and proof.smallest.distance < 0
-    assert np.isfinite(proof.failed_at) and " come to " in proof.reason
+    assert np.isfinite(proof.failed_at) and proof.reason.startswith("collision between ")
 
 
 def test_a_short_common_motion_is_proved_timed_and_split(scene, team):

@@ -13,7 +13,7 @@ from __future__ import annotations
 import functools
 import importlib
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -32,7 +32,11 @@ from workcell.motion.polynomials import PolynomialMotion
 from workcell.pose import Array
 
 Checker = Callable[[Array], Clearance]
+Look = Callable[[Array, Array], tuple[Clearance, float]]
+"""Of a configuration (n,) and half-widths (n,): its clearance, and a lower bound (metres) on all those within them."""
 
+_RESOLUTION, _LOOKS = 1e-5, 20_000
+"""Radians of intervals that are not halved further, and collision queries of a proof, unless others are asked for."""
 _STRETCH = 0.2
 """Radians of the first intervals in a scene."""
 _DISTANCE_TOLERANCE = 1e-6
@@ -105,8 +109,8 @@ def prove_path(
     *,
     floor: float = 0.0,
     slack: ArrayLike = 0.0,
-    resolution: float = 1e-5,
-    max_evaluations: int = 20_000,
+    resolution: float = _RESOLUTION,
+    max_evaluations: int = _LOOKS,
 ) -> Proof:
     """Prove that a joint-linear path keeps its clearance above `floor` everywhere, or find where it does not.
 
@@ -122,10 +126,40 @@ def prove_path(
     Raises:
         InputError: inner spheres, or none although the robot has geometry.
     """
-    stray = np.broadcast_to(np.asarray(slack, dtype=float), (len(path) - 1, path.robot.dof))
     collision = _compiled_model(checker)
     look = _look(path.robot, checker, collision, extent)
     edges = _first_edges(path) if collision is not None else [0.0, float(len(path) - 1)]
+    return prove_by_halving(
+        path,
+        look,
+        edges,
+        floor=floor,
+        slack=slack,
+        resolution=resolution,
+        max_evaluations=max_evaluations,
+    )
+
+
+def prove_by_halving(
+    path: Path,
+    look: Look,
+    edges: Sequence[float],
+    *,
+    floor: float = 0.0,
+    slack: ArrayLike = 0.0,
+    resolution: float = _RESOLUTION,
+    max_evaluations: int = _LOOKS,
+) -> Proof:
+    """The same for whatever tells what is left of clearances about a configuration.
+
+    So several robots are proved against each other too.
+
+    Args:
+        path, floor, slack, resolution, max_evaluations: as of `prove_path`.
+        look: see `Look`.
+        edges: path parameters from 0 to the last waypoint's: between them lie the first intervals.
+    """
+    stray = np.broadcast_to(np.asarray(slack, dtype=float), (len(path) - 1, path.robot.dof))
     queue: deque[tuple[float, float]] = deque(pairwise(edges))
     margin, smallest, spent = np.inf, Clearance(np.inf), 0
     while queue:
@@ -134,8 +168,6 @@ def prove_path(
         q = path.at(middle)
         half = _half_widths(path, stray, begin, end, q)
         found, kept = look(q, half)
-        if spent == 0:
-            _check_extent(extent, found)
         spent += 1
         if found.distance < smallest.distance or not np.isfinite(smallest.distance):
             smallest = found
@@ -165,9 +197,7 @@ def _first_edges(path: Path) -> list[float]:
     return [0.0, *np.unique(inner).tolist(), float(len(path) - 1)]
 
 
-def _look(
-    robot: Robot, checker: Checker, collision: CollisionModel | None, extent: SphereCover
-) -> Callable[[Array, Array], tuple[Clearance, float]]:
+def _look(robot: Robot, checker: Checker, collision: CollisionModel | None, extent: SphereCover) -> Look:
     """How to look at one configuration: a clearance, and what is left of all clearances within `half` of it.
 
     A scene's compiled model is asked link by link: there a pair loses no more than its own links move. Any other
@@ -177,12 +207,14 @@ def _look(
 
         def of_pairs(q: Array, half: Array) -> tuple[Clearance, float]:
             kept, found = collision.excess(q, link_motion(robot, q, half, extent))
+            _check_extent(extent, found.pair)
             return Clearance(found.distance, found.pair), kept - collision.tolerance
 
         return of_pairs
 
     def of_all(q: Array, half: Array) -> tuple[Clearance, float]:
         found = checker(q)
+        _check_extent(extent, found.pair)
         return found, found.distance - motion_bound(robot, q, half, extent) - _DISTANCE_TOLERANCE
 
     return of_all
@@ -207,24 +239,36 @@ def trajectory_clearance(
 ) -> Proof:
     """Prove that a timed motion keeps its clearance above `floor` over all of time, not only at its samples.
 
-    Between its samples a trajectory is the quintics that share position, velocity and acceleration there. They are
-    compared with straight lines between every `every`-th sample: over h seconds a coordinate whose acceleration
-    stays below a, which is read off the quintics' coefficients, strays from the chord by at most `a h^2 / 8`; that is
-    added as slack.
+    It is compared with straight lines between every `every`-th sample (see `chords`).
 
     Raises:
         InputError: the trajectory leaves the joint limits.
+    """
+    q, slack = chords(trajectory, every)
+    return prove_path(Path(robot, q), checker, extent, floor=floor, slack=slack)
+
+
+def chords(trajectory: Trajectory, every: int) -> tuple[Array, Array]:
+    """Straight lines between samples of a timed motion, and how far it strays from them.
+
+    Between its samples a trajectory is the quintics that share position, velocity and acceleration there. Over h
+    seconds a coordinate whose acceleration stays below a, which is read off the quintics' coefficients, strays from
+    the straight line by at most `a h^2 / 8`.
+
+    Returns:
+        every `every`-th configuration (k, n), the last too; and for each line (k - 1, n) what joints stray, radians or
+        metres.
     """
     keep = np.unique(np.append(np.arange(0, len(trajectory), max(every, 1)), len(trajectory) - 1))
     acceleration = PolynomialMotion.of_trajectory(trajectory).largest(2)
     largest = np.maximum.reduceat(acceleration, keep[:-1], axis=0)
     slack = largest * np.diff(trajectory.time[keep])[:, None] ** 2 / 8
-    return prove_path(Path(robot, trajectory.q[keep]), checker, extent, floor=floor, slack=slack)
+    return trajectory.q[keep], slack
 
 
-def _check_extent(extent: SphereCover, found: Clearance) -> None:
+def _check_extent(extent: SphereCover, pair: tuple[str, str]) -> None:
     """Spheres that don't contain what the checker measures would prove too much."""
-    if extent.kind == "inner" or (len(extent) == 0 and any(found.pair)):
+    if extent.kind == "inner" or (len(extent) == 0 and any(pair)):
         raise InputError(
             f"a proof needs spheres that contain the moving robot, not {len(extent)} of kind {extent.kind!r}",
             where="extent",

@@ -7,7 +7,6 @@ motion.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -21,8 +20,7 @@ from workcell.model.joined import columns, joined_robot
 from workcell.model.robot import Robot
 from workcell.model.scene import Scene
 from workcell.motion.path import Path, Trajectory
-from workcell.motion.polynomials import PolynomialMotion
-from workcell.motion.proofs.on_model import Proof, motion_bound
+from workcell.motion.proofs.on_model import Proof, chords, motion_bound, prove_by_halving
 from workcell.motion.tool_paths.follow import (
     FollowLimits,
     FollowResult,
@@ -34,8 +32,6 @@ from workcell.motion.tool_paths.follow import (
 from workcell.pose import Array, Pose
 from workcell.world.planning_world import PlanningWorld
 
-_RESOLUTION = 1e-5
-"""Radians: smaller intervals of a motion are not halved further, the proof fails there."""
 _LOOKS = 4000
 """Collision queries of a proof before it gives up."""
 
@@ -127,6 +123,11 @@ class Team:
             motion_bound(world.robot.robot, q[self.columns(name)], half[self.columns(name)], world.cover)
             for name, world in self.worlds.items()
         )
+
+    def look(self, q: Array, half: Array) -> tuple[Clearance, float]:
+        """What a proof asks of a configuration (`workcell.motion.proofs.on_model.Look`)."""
+        found = self.clearance(q)
+        return found, found.distance - self.motion_bound(q, half) - self.tolerance
 
     @property
     def tolerance(self) -> float:
@@ -243,29 +244,8 @@ def prove_team(team: Team, path: Path, *, floor: float = 0.0, slack: Array | flo
         floor: clearance to keep, metres.
         slack: (k - 1, n), or what broadcasts to it: how far the motion may stray from each straight line.
     """
-    stray = np.broadcast_to(np.asarray(slack, dtype=float), (len(path) - 1, path.robot.dof))
-    queue = deque((float(k), float(k + 1)) for k in range(len(path) - 1))
-    margin, smallest = np.inf, Clearance(np.inf)
-    for spent in range(1, _LOOKS + 1):
-        begin, end = queue.popleft()
-        middle = 0.5 * (begin + end)
-        q = path.at(middle)
-        # both ends lie on one straight line
-        half = np.abs(path.at(end) - q) + stray[int(begin)]
-        found = team.clearance(q)
-        smallest = min(smallest, found, key=lambda one: one.distance)
-        kept = found.distance - team.motion_bound(q, half) - team.tolerance
-        if found.distance < floor or (kept < floor and half.max() < _RESOLUTION + stray.max()):
-            a, b = found.pair
-            reason = f"{a} and {b} come to {1e3 * found.distance:.2f} mm, less than {1e3 * floor:.2f} mm"
-            return Proof(False, -np.inf, smallest, middle, reason, spent)
-        if kept >= floor:
-            margin = min(margin, kept)
-        else:
-            queue += [(begin, middle), (middle, end)]
-        if not queue:
-            return Proof(True, float(margin), smallest, float("nan"), "", spent)
-    return Proof(False, -np.inf, smallest, middle, f"no proof within {_LOOKS} queries", _LOOKS)
+    edges = [float(k) for k in range(len(path))]
+    return prove_by_halving(path, team.look, edges, floor=floor, slack=slack, max_evaluations=_LOOKS)
 
 
 def prove_team_motion(team: Team, trajectory: Trajectory, *, floor: float = 0.0, every: int = 10) -> Proof:
@@ -273,10 +253,8 @@ def prove_team_motion(team: Team, trajectory: Trajectory, *, floor: float = 0.0,
 
     See `workcell.motion.proofs.on_model.trajectory_clearance`.
     """
-    keep = np.unique(np.append(np.arange(0, len(trajectory), every), len(trajectory) - 1))
-    largest = np.maximum.reduceat(PolynomialMotion.of_trajectory(trajectory).largest(2), keep[:-1], axis=0)
-    slack = largest * np.diff(trajectory.time[keep])[:, None] ** 2 / 8
-    return prove_team(team, Path(team.robot, trajectory.q[keep]), floor=floor, slack=slack)
+    q, slack = chords(trajectory, every)
+    return prove_team(team, Path(team.robot, q), floor=floor, slack=slack)
 
 
 def _models(

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.judge.exact import ExactDistances, ExactKinematics, smallest_clearance
 from workcell.ik.problem import IKProblem
 from workcell.model.robot import Robot, Tool
-from workcell.pose import Pose, axis_angle_to_matrix
+from workcell.pose import Array, Pose, axis_angle_to_matrix
 
 
 def planar(lengths: tuple[float, ...] = (0.5, 0.4), limit: float = np.pi) -> Robot:
@@ -67,6 +68,21 @@ def beads(robot: Robot, radius: float = 0.05) -> SphereCover:
 def box(name: str, centre: tuple[float, ...], half: tuple[float, ...]) -> Piece:
     """An axis-aligned box."""
     return Piece(name, "box", Pose.from_xyz(centre), np.array(half))
+
+
+def distant_pairs(cover: SphereCover, links: int = 3) -> NDArray[np.int64]:
+    """Every two spheres (p, 2) at least that many links apart."""
+    one, two = np.triu_indices(len(cover), 1)
+    apart = np.abs(cover.link[one] - cover.link[two]) >= links
+    return np.stack([one[apart], two[apart]], axis=1)
+
+
+def gap_of_pairs(problem: IKProblem, q: Array) -> float:
+    """The smallest gap (metres) of a problem's pairs of spheres, from the exact kinematics."""
+    rotation, position = ExactKinematics(problem.robot).links(q)
+    cover, (one, two) = problem.cover, problem.self_collision.T
+    centres = (rotation[cover.link] @ cover.centre[..., None])[..., 0] + position[cover.link]
+    return (np.linalg.norm(centres[one] - centres[two], axis=1) - cover.radius[one] - cover.radius[two]).min()
 
 
 def hugged(robot, cover, rng, count=25) -> IKProblem:

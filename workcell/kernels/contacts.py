@@ -1,4 +1,4 @@
-"""Clearances of a robot's spheres, among obstacles and themselves: smallest, those below a margin, gradients."""
+"""A robot's spheres near obstacles and near each other: the pairs below a margin, with their gradients."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from workcell.jit import inner, kernel
-from workcell.kernels.chain import Arm, carried, forward
+from workcell.jit import inner
+from workcell.kernels.chain import carried
 from workcell.kernels.distance import signed_distance
 from workcell.kernels.shape_kinds import HALFSPACE
 from workcell.kernels.structures import World
@@ -202,18 +202,3 @@ def _velocity(twist: Array, link: int, x: float, y: float, z: float) -> tuple[fl
         twist[link, 1] + twist[link, 5] * x - twist[link, 3] * z,
         twist[link, 2] + twist[link, 3] * y - twist[link, 4] * x,
     )
-
-
-@kernel
-def smallest_gaps(arm: Arm, world: World, q: Array, gap: Array, gradient: Array) -> None:
-    """For configurations q (b, n) the smallest gap (b,) and its gradient (b, n); `FAR` and zeros without obstacles."""
-    T, contacts = np.empty((q.shape[1] + 2, 12)), room()
-    for i in range(q.shape[0]):
-        forward(arm.frames, q[i], T)
-        gap[i] = collect(world, T, FAR, -1e300, contacts)
-        for k in range(q.shape[1]):
-            gradient[i, k] = 0.0
-        if gap[i] < FAR:
-            # A second pass keeps the nearest pair alone: the first may have had more than there is room for.
-            collect(world, T, gap[i] + 1e-12, -1e300, contacts)
-            contact_row(arm.frames, T, contacts.rows, 0, gradient[i])

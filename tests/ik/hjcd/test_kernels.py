@@ -1,69 +1,14 @@
-"""The compiled kernels against independent oracles: the plain robot, the judge's distances, finite differences."""
+"""The compiled kernels without obstacles against the plain robot, and what they take."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from tests.ik.arms import beads, planar, random_arm, seven
+from tests.ik.arms import planar, random_arm, seven
 from workcell.errors import InputError
-from workcell.geometry.types import Piece
-from workcell.ik.hjcd.solver import smallest_gaps, solve_batch, solve_two_phase
-from workcell.ik.judge.exact import ExactDistances, ExactKinematics, smallest_clearance
-from workcell.ik.problem import IKProblem
+from workcell.ik.hjcd.batch import polish_seeds, solve_batch, solve_two_phase
 from workcell.pose import Pose
-
-
-def random_pose(rng, spread=0.6) -> Pose:
-    quat = rng.normal(size=4)
-    return Pose(spread * rng.normal(size=3), quat / np.linalg.norm(quat))
-
-
-def one_of_each(rng) -> tuple[Piece, ...]:
-    sizes = {"box": 3, "sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "halfspace": 0}
-    pieces = [Piece(kind, kind, random_pose(rng), rng.uniform(0.05, 0.3, n)) for kind, n in sizes.items()]
-    hull = Piece("hull", "hull", random_pose(rng), np.zeros(0), 0.2 * rng.normal(size=(12, 3)))
-    return (*pieces, hull)
-
-
-@pytest.mark.parametrize("kind", range(7))
-def test_gaps_equal_the_judges_distances(kind):
-    rng = np.random.default_rng(kind)
-    for sliding in (False, True):
-        robot = random_arm(rng, 6, sliding)
-        cover = beads(robot, 0.03)
-        q = robot.random_configuration(rng, 60)
-        piece = one_of_each(rng)[kind]
-        gap, _ = smallest_gaps(IKProblem(robot, Pose.identity(), (piece,), cover), q)
-        kinematics, distances = ExactKinematics(robot), ExactDistances((piece,))
-        expected = [smallest_clearance(cover, *kinematics.links(row), distances)[0] for row in q]
-        assert np.allclose(gap, expected, atol=1e-9)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_gaps_over_many_pieces_and_their_gradients(seed):
-    rng = np.random.default_rng(seed)
-    robot = random_arm(rng, 7, sliding=seed > 0)
-    problem = IKProblem(robot, Pose.identity(), one_of_each(rng), beads(robot, 0.03))
-    q = robot.random_configuration(rng, 40)
-    gap, gradient = smallest_gaps(problem, q)
-    step, smooth = 1e-6, np.ones(len(q), dtype=bool)
-    numeric = np.empty_like(q)
-    for k in range(7):
-        ahead, behind = q.copy(), q.copy()
-        ahead[:, k] += step
-        behind[:, k] -= step
-        g_ahead, g_behind = smallest_gaps(problem, ahead)[0], smallest_gaps(problem, behind)[0]
-        numeric[:, k] = (g_ahead - g_behind) / (2 * step)
-        smooth &= np.abs(g_ahead + g_behind - 2 * gap) < 1e-9
-    assert smooth.sum() > 25
-    assert np.allclose(gradient[smooth], numeric[smooth], atol=1e-5)
-
-
-def test_nothing_to_collide_with():
-    robot = seven()
-    gap, gradient = smallest_gaps(IKProblem(robot, Pose.identity()), robot.home[None])
-    assert gap[0] == 1000.0 and not gradient.any()
 
 
 @pytest.mark.parametrize("dof", [6, 7, 9, 14, 24])
@@ -147,5 +92,5 @@ def test_bad_batches():
     with pytest.raises(InputError, match="at least 1"):
         solve_two_phase(robot, Pose.identity(), 0)
     with pytest.raises(InputError, match=r"\(k, 7\)"):
-        smallest_gaps(IKProblem(robot, Pose.identity()), np.zeros(7))
+        polish_seeds(robot, Pose.identity(), np.zeros(7))
     assert solve_batch(robot, []).q.shape == (0, 7)

@@ -5,49 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
-from tests.ik.arms import beads, box, random_arm, seven
-from workcell.ik.hjcd.batch import smallest_gaps
+from tests.ik.arms import beads, box, distant_pairs, gap_of_pairs, seven
 from workcell.ik.hjcd.solver import solve_hjcd
-from workcell.ik.judge.exact import ExactKinematics
 from workcell.ik.judge.verify import verify
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.solve import solve
 from workcell.pose import Pose
 
 BUDGET = Budget(10.0)
-
-
-def distant_pairs(cover, links=3):
-    """Every two spheres at least that many links apart."""
-    one, two = np.triu_indices(len(cover), 1)
-    apart = np.abs(cover.link[one] - cover.link[two]) >= links
-    return np.stack([one[apart], two[apart]], axis=1)
-
-
-def gap_of(problem, q):
-    """The smallest gap of the pairs, from the exact kinematics."""
-    rotation, position = ExactKinematics(problem.robot).links(q)
-    cover, (one, two) = problem.cover, problem.self_collision.T
-    centres = (rotation[cover.link] @ cover.centre[..., None])[..., 0] + position[cover.link]
-    return (np.linalg.norm(centres[one] - centres[two], axis=1) - cover.radius[one] - cover.radius[two]).min()
-
-
-@pytest.mark.parametrize("sliding", [False, True])
-def test_gaps_and_gradients_of_pairs(sliding):
-    rng = np.random.default_rng(1)
-    robot = random_arm(rng, 7, sliding)
-    cover = beads(robot, 0.03)
-    problem = IKProblem(robot, robot.fk(np.zeros(7)), (), cover, self_collision=distant_pairs(cover))
-    q = robot.random_configuration(rng, 20)
-    gap, gradient = smallest_gaps(problem, q)
-    np.testing.assert_allclose(gap, [gap_of(problem, row) for row in q], atol=1e-12)
-    step = 1e-6
-    for k in range(7):
-        moved = step * np.eye(7)[k]
-        slope = (smallest_gaps(problem, q + moved)[0] - smallest_gaps(problem, q - moved)[0]) / (2 * step)
-        np.testing.assert_allclose(gradient[:, k], slope, atol=1e-6)
 
 
 def folded():
@@ -57,7 +23,7 @@ def folded():
     pairs = distant_pairs(cover, 4)
     problem = IKProblem(robot, Pose.identity(), (), cover, self_collision=pairs)
     rows = robot.random_configuration(np.random.default_rng(0), 400)
-    return problem, [q for q in rows if -0.06 < gap_of(problem, q) < -0.005]
+    return problem, [q for q in rows if -0.06 < gap_of_pairs(problem, q) < -0.005]
 
 
 def test_solutions_keep_clear_of_the_arm_itself():
@@ -74,7 +40,7 @@ def test_solutions_keep_clear_of_the_arm_itself():
             continue
         solved += 1
         assert verify(query, candidate.q).accepted
-        assert gap_of(query, candidate.q) >= 0.0
+        assert gap_of_pairs(query, candidate.q) >= 0.0
     assert solved >= 4
 
 

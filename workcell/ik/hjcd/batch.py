@@ -14,8 +14,6 @@ from numpy.typing import ArrayLike
 from workcell.errors import InputError
 from workcell.geometry.packing import pack_arm, random_state
 from workcell.ik.hjcd.memory import kernels
-from workcell.ik.problem import IKProblem
-from workcell.ik.shared.packing import pack_world
 from workcell.model.robot import Robot
 from workcell.pose import Array, Pose, read_only
 
@@ -189,22 +187,6 @@ def _seeds(robot: Robot, batch: int, sampling: Sampling, rng: np.random.Generato
 
     unit: Array = qmc.Halton(robot.dof, seed=rng).random(batch)
     return robot.lower + unit * (robot.upper - robot.lower)
-
-
-def smallest_gaps(problem: IKProblem, q: ArrayLike) -> tuple[Array, Array]:
-    """The smallest signed distance (b,) between the problem's spheres and obstacles, and its gradient (b, n).
-
-    Args:
-        problem: its cover and obstacles; without either the gap is 1000 m.
-        q: configurations (b, n).
-
-    Raises:
-        InputError: configurations of the wrong shape, or not finite.
-    """
-    rows = _configurations(problem.robot, q, "q")
-    gap, gradient = np.empty(len(rows)), np.empty(rows.shape)
-    kernels().smallest_gaps(pack_arm(problem.robot), pack_world(problem), rows, gap, gradient)
-    return gap, gradient
 
 
 def _copying(batch: int) -> tuple[int, int, float]:

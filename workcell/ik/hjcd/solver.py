@@ -15,7 +15,7 @@ import numpy as np
 
 from workcell.compile_ahead import SAMPLING, wait_for
 from workcell.geometry.packing import random_state
-from workcell.ik.hjcd.batch import BatchSolution, smallest_gaps, solve_batch, solve_two_phase
+from workcell.ik.hjcd.batch import BatchSolution, solve_batch, solve_two_phase
 from workcell.ik.hjcd.memory import kernels, new_memory
 from workcell.ik.hjcd.refine import DEEPEST, refine_packed
 from workcell.ik.judge.verify import sphere_name
@@ -35,7 +35,6 @@ __all__ = [
     "BatchSolution",
     "collect_solutions",
     "prepare",
-    "smallest_gaps",
     "solve_batch",
     "solve_hjcd",
     "solve_two_phase",

@@ -18,7 +18,6 @@ from workcell.ik.hjcd.kernels.search import (
     search,
 )
 from workcell.ik.hjcd.kernels.trace import MEMORY
-from workcell.kernels.contacts import smallest_gaps
 
 __all__ = [
     "ARC",
@@ -38,6 +37,5 @@ __all__ = [
     "polish_batch",
     "refine",
     "search",
-    "smallest_gaps",
     "solve_targets",
 ]

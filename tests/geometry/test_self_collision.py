@@ -56,6 +56,8 @@ def test_pairs_that_touch_where_the_robot_is_free_are_tolerated():
     assert rows(self_collision_pairs(robot, cover).pairs) == {(0, 2)}
     found = self_collision_pairs(robot, cover, known_free=folded)
     assert rows(found.tolerated) == {(0, 2)} and not len(found)
+    later = self_collision_pairs(robot, cover).tolerating(robot, cover, [[0.0, 0.0, 0.0], folded])
+    assert rows(later.tolerated) == {(0, 2)} and not len(later)
 
 
 def test_adjacent_links_and_links_that_the_model_excludes_are_not_looked_at():

@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 import itertools
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,20 @@ class SelfCollisionPairs:
     def __len__(self) -> int:
         return len(self.pairs)
 
+    def tolerating(self, robot: Robot, cover: SphereCover, known_free: ArrayLike) -> SelfCollisionPairs:
+        """The same without the pairs that touch where the robot is known to be free.
+
+        Args:
+            robot, cover: of these pairs.
+            known_free: configurations (n,) or (c, n) at which the robot is known not to hit itself.
+
+        Raises:
+            InputError: configurations of the wrong shape, or not finite.
+        """
+        touching = np.any(_gaps(robot, cover, self.pairs, _free(robot, known_free)) <= 0, axis=0)
+        tolerated = np.concatenate([self.tolerated, self.pairs[touching]])
+        return replace(self, pairs=self.pairs[~touching], tolerated=tolerated)
+
 
 def self_collision_pairs(
     robot: Robot,
@@ -95,14 +109,19 @@ def self_collision_pairs(
     tolerated: Mask = np.zeros(len(candidates), dtype=bool)
     never = tolerated
     if known_free is not None:
-        free = [robot.configuration(row, where="known_free") for row in np.atleast_2d(known_free)]
-        tolerated = np.any(_gaps(robot, cover, candidates, np.array(free)) <= 0, axis=0) & ~always
+        free = _free(robot, known_free)
+        tolerated = np.any(_gaps(robot, cover, candidates, free) <= 0, axis=0) & ~always
     if prove:
         never = _never_touch(robot, cover, candidates, ~np.any(touching, axis=0) & ~tolerated)
     kept = ~(always | tolerated | never)
     return SelfCollisionPairs(
         candidates[kept], candidates[always], candidates[tolerated], candidates[never], chosen
     )
+
+
+def _free(robot: Robot, known_free: ArrayLike) -> Array:
+    """Configurations (c, n), looked at for what makes no sense."""
+    return np.array([robot.configuration(row, where="known_free") for row in np.atleast_2d(known_free)])
 
 
 def _link_pairs(robot: Robot, links: Iterable[tuple[int, int]] | None) -> tuple[tuple[int, int], ...]:

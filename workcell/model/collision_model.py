@@ -120,11 +120,12 @@ class CollisionModel:
     @property
     def self_links(self) -> frozenset[tuple[int, int]]:
         """Pairs of the robot's links, the lower first, with geoms that are looked at."""
-        links = {body: k for k, bodies in enumerate(self.robot.link_body_ids) for body in bodies}
-        owners = [
-            sorted(links.get(int(body), -1) for body in self._model.geom_bodyid[pair]) for pair in self._pairs
-        ]
-        return frozenset((a, b) for a, b in owners if 0 <= a < b)
+        carrier = np.full(self._model.nbody, -1, dtype=np.int64)
+        for link, bodies in enumerate(self.robot.link_body_ids):
+            carrier[list(bodies)] = link
+        owners = np.sort(carrier[self._model.geom_bodyid[self._pairs]], axis=1)
+        own = owners[(owners[:, 0] >= 0) & (owners[:, 0] < owners[:, 1])]
+        return frozenset((a, b) for a, b in own.tolist())
 
     def full_qpos(self, q: ArrayLike) -> Array:
         """Raw positions (nq,) of the whole scene with the robot at `q` (n,), the carried object with it."""

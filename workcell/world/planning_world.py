@@ -6,13 +6,14 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError, UnknownNameError
 from workcell.geometry.covers.outer import attached_cover, merge_covers
 from workcell.geometry.free_space.cuboids import biased_seeds, inflate_cuboids, outermost
 from workcell.geometry.pieces import scene_obstacles
 from workcell.geometry.types import FreeSpace, Piece, SphereCover, obstacle_name
-from workcell.ik.problem import Clearance, IKProblem, Tolerances
+from workcell.ik.problem import IKProblem, Tolerances
 from workcell.model.collision_model import CollisionModel, geom_name
 from workcell.model.grip import fingers_at, fingers_holding, hand_clearance
 from workcell.model.robot import Robot
@@ -21,6 +22,7 @@ from workcell.model.scene_parts import SceneRobot
 from workcell.pose import Array, Pose
 from workcell.world.hand_cover import cover_with_fingers
 from workcell.world.inner_model import inner_model
+from workcell.world.model_clearance import ModelClearance
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,10 +201,14 @@ class PlanningWorld:
             inner=None,
         )
 
-    def clearance(self, q: Array) -> Clearance:
-        """Smallest signed distance on the compiled model at `q` (n,)."""
-        found = self.collision.distance(q)
-        return Clearance(found.distance, found.pair)
+    @property
+    def clearance(self) -> ModelClearance:
+        """Smallest signed distance on the compiled model: `world.clearance(q)` at `q` (n,)."""
+        return ModelClearance(self.collision)
+
+    def self_pairs(self, cover: SphereCover, known_free: ArrayLike | None = None) -> NDArray[np.int64]:
+        """Spheres (p, 2) of a cover that must keep clear of each other: see `ModelClearance.self_pairs`."""
+        return self.clearance.self_pairs(self.robot.robot, cover, known_free)
 
     def hand_clearance(self, target: Pose, ignored: Iterable[str] = ()) -> float:
         """How far the hand alone would be from all but what it holds at a tool pose, metres: cheap, before IK."""

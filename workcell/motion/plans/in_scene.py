@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from workcell.errors import InputError
-from workcell.geometry.self_collision import self_collision_pairs
 from workcell.motion.body import BodyClearance, Upright, pack_body
 from workcell.motion.path import Path
 from workcell.motion.plans.by_checker import connect, plan
@@ -30,9 +29,6 @@ from workcell.world.planning_world import PlanningWorld
 
 if TYPE_CHECKING:
     from workcell.motion.kernels.body import Body
-
-_SAMPLES = 200
-"""Configurations that tell which pairs of the cover's spheres always touch."""
 
 
 def plan_in_world(
@@ -200,14 +196,7 @@ def _models(
     if bare is not cover:
         choices.append((bare, settings.clearance + settings.spare))
     for spheres, keep in choices:
-        pairs = self_collision_pairs(
-            robot,
-            spheres,
-            links=world.collision.self_links,
-            known_free=np.stack([start, *goals]),
-            samples=_SAMPLES,
-            prove=False,
-        ).pairs
+        pairs = world.self_pairs(spheres, np.stack([start, *goals]))
         body = pack_body(robot, spheres, world.obstacles, self_pairs=pairs, upright=upright)
         clearance = BodyClearance(body, spheres, world.obstacles)
         gap, gaps = float(clearance.many(start[None])[0]), clearance.many(goals)

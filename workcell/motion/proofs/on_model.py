@@ -30,6 +30,7 @@ from workcell.model.robot import Robot
 from workcell.motion.path import Path, Trajectory
 from workcell.motion.polynomials import PolynomialMotion
 from workcell.pose import Array
+from workcell.world.model_clearance import ModelClearance
 
 Checker = Callable[[Array], Clearance]
 Look = Callable[[Array, Array], tuple[Clearance, float]]
@@ -184,9 +185,8 @@ def prove_by_halving(
 
 
 def _compiled_model(checker: Checker) -> CollisionModel | None:
-    """The model behind a checker that is the `clearance` of a scene's world."""
-    collision = getattr(getattr(checker, "__self__", None), "collision", None)
-    return collision if isinstance(collision, CollisionModel) else None
+    """The model behind the `clearance` of a scene's world; None: the checker can only be called."""
+    return checker.collision if isinstance(checker, ModelClearance) else None
 
 
 def _first_edges(path: Path) -> list[float]:

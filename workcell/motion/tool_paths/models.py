@@ -5,15 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
-from workcell.geometry.self_collision import self_collision_pairs
 from workcell.geometry.types import SphereCover
-from workcell.identity_cache import ByIdentity
 from workcell.ik.problem import IKProblem
 from workcell.ik.shared.packing import pack_world
-from workcell.model.collision_model import CollisionModel
+from workcell.world.model_clearance import ModelClearance
 
 if TYPE_CHECKING:
     from workcell.kernels.structures import World
@@ -21,9 +16,6 @@ if TYPE_CHECKING:
 ROOM, GENEROUS = 1e-3, 6e-3
 """Metres of clearance beyond what is asked for that waypoints keep where they can: what lies between them needs
 some."""
-_SAMPLES = 200
-"""Configurations that tell which pairs of spheres always touch."""
-_pairs = ByIdentity()
 
 
 def worlds(template: IKProblem, keep: float) -> list[World]:
@@ -43,21 +35,8 @@ def worlds(template: IKProblem, keep: float) -> list[World]:
 
 
 def _with_pairs(template: IKProblem, cover: SphereCover | None) -> IKProblem:
-    """The template with a cover, and with the pairs of its spheres that can hit each other, where the scene tells."""
-    known = replace(template, cover=cover)
-    collision = getattr(getattr(template.checker, "__self__", None), "collision", None)
-    if template.self_collision is not None or cover is None or not isinstance(collision, CollisionModel):
+    """The template with a cover, and with the pairs of its spheres that can hit each other, where the world tells."""
+    known, world = replace(template, cover=cover), template.checker
+    if template.self_collision is not None or cover is None or not isinstance(world, ModelClearance):
         return known
-    return replace(
-        known, self_collision=_pairs.get((template.robot, cover), lambda: _self_pairs(known, collision))
-    )
-
-
-def _self_pairs(problem: IKProblem, collision: CollisionModel) -> NDArray[np.int64]:
-    robot, cover = problem.robot, problem.cover
-    assert cover is not None
-    free = robot.home if collision.distance(robot.home).distance > 0 else None
-    found = self_collision_pairs(
-        robot, cover, links=collision.self_links, known_free=free, samples=_SAMPLES, prove=False
-    )
-    return np.array(found.pairs)
+    return replace(known, self_collision=world.self_pairs(template.robot, cover))

@@ -1,4 +1,4 @@
-"""A world's clearance is called, leads proofs to the model behind it, and knows which spheres may hit each other."""
+"""A world's clearance is called, leads proofs to the model, and knows which spheres may hit each other."""
 
 import numpy as np
 import pytest

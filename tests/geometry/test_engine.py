@@ -15,7 +15,6 @@ from tests.geometry.plain_distances import plain_distances
 from tests.geometry.shapes import BOUNDED, random_piece
 from tests.ik.arms import random_arm
 from workcell.errors import InputError, ModelError
-from workcell.geometry.clearance import sphere_clearances
 from workcell.geometry.engine import ClearanceEngine
 from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.types import Piece, SphereCover
@@ -60,7 +59,6 @@ def test_points_to_pieces_equal_the_plain_formulas(seed, kind):
     expected, direction = plain_distances(points, piece)
     assert np.allclose(distance[:, 0], expected, rtol=0, atol=1e-12)
     assert np.allclose(packed.distances(points)[:, 0], expected, rtol=0, atol=1e-12)
-    assert np.allclose(packed.distances_to(points, np.zeros(40, dtype=int))[0], expected, rtol=0, atol=1e-12)
     assert np.allclose(gradient[:, 0], direction, atol=1e-7)
 
 
@@ -233,15 +231,9 @@ def test_bad_input_is_named():
     with pytest.raises(InputError, match="links 0"):
         ClearanceEngine(engine.robot, beyond)
     with pytest.raises(InputError, match="finite"):
-        sphere_clearances([[np.nan, 0, 0]], [0.1], engine.obstacles)
+        engine.obstacles.nearest([[np.nan, 0, 0]])
     with pytest.raises(InputError, match="shape"):
-        sphere_clearances(np.zeros((2, 2)), [0.1, 0.1], engine.obstacles)
-    with pytest.raises(InputError, match="negative"):
-        sphere_clearances(np.zeros((1, 3)), [-0.1], engine.obstacles)
-    with pytest.raises(InputError, match="radii"):
-        sphere_clearances(np.zeros((3, 3)), [0.1, 0.1], engine.obstacles)
-    with pytest.raises(InputError, match="one piece"):
-        engine.obstacles.distances_to(np.zeros((1, 3)), [99])
+        engine.obstacles.nearest(np.zeros((2, 2)))
     flat = Piece(
         "sheet",
         "hull",

@@ -113,8 +113,8 @@ def test_the_payload_is_in_the_torque(scene, picking):
 
     q = sim.q_reference
     still = stationary("sawyer", q, 0.004)
-    empty = ChainDynamics(scene).torques(still)[0]
-    loaded = ChainDynamics(scene, attached=("brick", sim.T_tool_object)).torques(still)[0]
+    empty = ChainDynamics(scene).at(still.q, still.qd, still.qdd)[0]
+    loaded = ChainDynamics(scene, attached=("brick", sim.T_tool_object)).at(still.q, still.qd, still.qdd)[0]
     centre = (sim.object_pose("brick")).apply([0, 0, 0.04])
     T = sim.robot.robot.link_transforms(q)
     axis, origin = T[2, :3, :3] @ sim.robot.robot.axis[1], T[2, :3, 3]

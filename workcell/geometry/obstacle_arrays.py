@@ -25,7 +25,6 @@ class ObstacleArrays:
     Attributes:
         pieces: the same.
         shapes: as the kernels take them.
-        packed_at: (k,) where in `shapes` each piece stands.
 
     Raises:
         ModelError: a hull without volume; `where` names the piece.
@@ -34,7 +33,6 @@ class ObstacleArrays:
     def __init__(self, pieces: Sequence[Piece]) -> None:
         self.pieces = tuple(pieces)
         self.shapes = pack_shapes(self.pieces)
-        self.packed_at = np.argsort(self.shapes.order)
 
     def __len__(self) -> int:
         return len(self.pieces)
@@ -52,20 +50,6 @@ class ObstacleArrays:
         distance, gradient = np.empty((len(flat), len(self))), np.empty((len(flat), len(self), 3))
         _kernels().all_distances(self.shapes, flat, distance, gradient)
         return distance.reshape(*batch, len(self)), gradient.reshape(*batch, len(self), 3)
-
-    def distances_to(self, points: ArrayLike, which: ArrayLike) -> tuple[Array, Array]:
-        """Signed distances (p,) and gradients (p, 3) of points (p, 3), each to the piece with its number (p,)."""
-        flat, _ = _flat_points(points)
-        index = np.asarray(which, dtype=np.int64)
-        if index.shape != (len(flat),) or np.any((index < 0) | (index >= len(self))):
-            raise InputError(
-                f"every point takes one piece from 0 to {len(self) - 1}",
-                where="which",
-                remedy="an array (p,)",
-            )
-        distance, gradient = np.empty(len(flat)), np.empty((len(flat), 3))
-        _kernels().pair_distances(self.shapes, flat, self.packed_at[index], distance, gradient)
-        return distance, gradient
 
     def floor(self, points: ArrayLike) -> Array:
         """A lower bound (...) on the signed distance of points (..., 3) to the nearest piece, exact inside.

@@ -137,15 +137,6 @@ def all_distances(shapes: Shapes, points: Array, distance: Array, gradient: Arra
 
 
 @kernel
-def pair_distances(shapes: Shapes, points: Array, which: Index, distance: Array, gradient: Array) -> None:
-    """Distances (p,) and gradients (p, 3) of points (p, 3), each to the shape in packed order beside it."""
-    for i in range(points.shape[0]):
-        distance[i], gradient[i, 0], gradient[i, 1], gradient[i, 2] = to_shape(
-            shapes, which[i], points[i, 0], points[i, 1], points[i, 2]
-        )
-
-
-@kernel
 def nearest_distances(shapes: Shapes, points: Array, distance: Array, gradient: Array, which: Index) -> None:
     """Distance (p,), gradient (p, 3) and number (p,) of the shape nearest to each point (p, 3); inf, 0, -1 if none."""
     keys = np.empty(shapes.boxes.shape[1])

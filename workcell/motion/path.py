@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import reduce
 from itertools import pairwise
 
 import numpy as np
@@ -220,13 +219,6 @@ def stationary(robot_name: str, q: ArrayLike, duration: float, dt: float = 0.002
     zero = np.zeros_like(held)
     time: Array = dt * np.arange(steps + 1, dtype=float)
     return Trajectory(robot_name, time, held, zero, zero)
-
-
-def join(paths: tuple[Path, ...] | list[Path]) -> Path:
-    """One path out of several, each of which begins where the one before ends."""
-    if not paths:
-        raise InputError("there is no path to join", where="paths")
-    return reduce(lambda a, b: a + b, paths)
 
 
 def _pose_distance(a: Array, b: Array) -> tuple[Array, Array]:

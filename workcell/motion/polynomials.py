@@ -8,7 +8,7 @@ from math import comb
 import numpy as np
 
 from workcell.errors import InputError
-from workcell.motion.path import Path, Trajectory
+from workcell.motion.path import Trajectory
 from workcell.pose import Array, read_only
 
 
@@ -49,12 +49,6 @@ class PolynomialMotion:
     def duration(self) -> float:
         """Seconds in total."""
         return float(self.durations.sum())
-
-    @staticmethod
-    def of_path(path: Path) -> PolynomialMotion:
-        """A joint-linear path, a second for each line."""
-        q = path.configurations
-        return PolynomialMotion(np.stack([q[:-1], np.diff(q, axis=0)], axis=2), np.ones(len(q) - 1))
 
     @staticmethod
     def of_trajectory(trajectory: Trajectory) -> PolynomialMotion:

@@ -6,11 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from workcell.geometry.types import SphereCover
 from workcell.ik.problem import Clearance
 from workcell.model.robot import Robot
 from workcell.motion.path import Path, PathMetrics
-from workcell.motion.proofs.on_model import Checker, Proof, prove_path
 from workcell.pose import Array
 
 RADIAN_M = 0.3
@@ -31,19 +29,6 @@ def limit_distance(robot: Robot, q: Array) -> Array:
     """(...,) distance of q (..., n) from the nearest joint limit, radians or metres."""
     distance: Array = np.minimum(q - robot.lower, robot.upper - q).min(axis=-1)
     return distance
-
-
-def path_metrics(
-    path: Path, checker: Checker | None, extent: SphereCover | None, floor: float = 0.0
-) -> PathMetrics:
-    """Measure a path: joint steps, half-way tool deviation, clearance at waypoints and (proved) between them."""
-    at_waypoints, between, spent = Clearance(float("nan")), float("nan"), 0
-    if checker is not None:
-        at_waypoints = smallest(checker(q) for q in path.configurations)
-        if extent is not None:
-            proof: Proof = prove_path(path, checker, extent, floor=floor)
-            between, spent = proof.margin, proof.evaluations
-    return measured(path, at_waypoints, between, spent)
 
 
 def measured(path: Path, at_waypoints: Clearance, between: float, evaluations: int) -> PathMetrics:

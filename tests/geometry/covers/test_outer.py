@@ -7,7 +7,6 @@ from tests.geometry.shapes import BOUNDED, points_inside, random_piece
 from workcell.errors import InputError, UnknownNameError
 from workcell.geometry.covers.outer import (
     attached_cover,
-    cover_piece,
     cover_pieces,
     merge_covers,
     overshoots,
@@ -36,7 +35,7 @@ def largest_gap(points, centres, radii):
 def test_covers_hold_the_piece_and_stick_out_by_no_more_than_asked(kind):
     rng = np.random.default_rng(5)
     piece = random_piece(rng, kind, small=0.03, large=0.1)
-    centres, radii, measured = cover_piece(piece, OVERSHOOT)
+    centres, radii, measured = cover_pieces([piece], OVERSHOOT)
     assert prove_cover([piece], centres, radii) is None
     assert largest_gap(points_inside(rng, piece, 100_000), centres, radii) <= 0
     assert measured.max() <= OVERSHOOT + 1e-9
@@ -52,14 +51,14 @@ def test_one_cover_serves_several_pieces():
         Piece("b", "cylinder", Pose(np.zeros(3), [2**-0.5, 2**-0.5, 0, 0]), np.array([0.045, 0.06])),
     ]
     centres, radii, _ = cover_pieces(pieces, OVERSHOOT)
-    alone = sum(len(cover_piece(piece, OVERSHOOT)[1]) for piece in pieces)
+    alone = sum(len(cover_pieces([piece], OVERSHOOT)[1]) for piece in pieces)
     assert len(radii) < alone
     assert prove_cover(pieces, centres, radii) is None
 
 
 def test_table_top_takes_no_more_than_the_square_lattice():
     table = Piece("table", "box", Pose.identity(), np.array([0.75, 0.4, 0.02]))
-    centres, radii, measured = cover_piece(table, OVERSHOOT)
+    centres, radii, measured = cover_pieces([table], OVERSHOOT)
     assert len(radii) <= 31 * 17 + 62
     assert measured.max() <= OVERSHOOT + 1e-9
     assert prove_cover([table], centres, radii) is None
@@ -85,7 +84,7 @@ def test_a_sphere_in_the_wrong_place_is_caught(seed, kind):
 def test_every_sphere_shrunk_by_a_millimetre_is_caught_where_it_matters():
     rng = np.random.default_rng(8)
     piece = Piece("can", "cylinder", Pose.identity(), np.array([0.06, 0.12]))
-    centres, radii, _ = cover_piece(piece, OVERSHOOT)
+    centres, radii, _ = cover_pieces([piece], OVERSHOOT)
     points = points_inside(rng, piece, 100_000)
     for index in range(len(radii)):
         smaller = np.where(np.arange(len(radii)) == index, radii - 1e-3, radii)
@@ -135,9 +134,9 @@ def test_attached_object_moves_with_the_tool():
 def test_what_has_no_cover_is_refused():
     ground = Piece("ground", "halfspace", Pose.identity(), np.zeros(0))
     with pytest.raises(InputError, match=r"ground.*half-space"):
-        cover_piece(ground, OVERSHOOT)
+        cover_pieces([ground], OVERSHOOT)
     with pytest.raises(InputError, match="overshoot"):
-        cover_piece(Piece("b", "sphere", Pose.identity(), np.array([0.1])), 0.0)
+        cover_pieces([Piece("b", "sphere", Pose.identity(), np.array([0.1]))], 0.0)
 
 
 def test_covers_of_different_kinds_are_not_merged() -> None:

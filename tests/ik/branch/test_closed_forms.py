@@ -6,8 +6,9 @@ import functools
 import numpy as np
 import pytest
 
+from tests.ik.branch.spherical_arm import spherical_arm, unwrapped
 from tests.ik.branch.test_solver import BUDGET, arm, ur_like
-from workcell.bench.reference.closed_forms import parallel_arm, spherical_arm, unwrapped
+from workcell.bench.reference.closed_forms import parallel_arm
 from workcell.errors import InputError
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.branch.checker.check import check_branch

@@ -3,14 +3,20 @@
 import numpy as np
 import pytest
 
-from workcell.bench.reference.descents import stand
 from workcell.bench.reference.planting import planted_problem, random_chain
 from workcell.ik.branch.arrays import inflation, problem_arrays
-from workcell.ik.branch.checker.closure import new_box
+from workcell.ik.branch.checker.closure import Box, Robot, new_box, stand_at_centre
 from workcell.ik.branch.checker.setup import longest, proof_robot
 from workcell.ik.branch.checker.vectors import EPS
+from workcell.jit import exact_kernel
 
 Long = np.longdouble
+
+
+@exact_kernel
+def stand(robot: Robot, box: Box) -> None:
+    """What the checker knows of the lines at the middle of a box, computed into it."""
+    stand_at_centre(robot, box)
 
 
 def extended(lines: np.ndarray, angles: np.ndarray, goal: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ from workcell.ik.hjcd.solver import solve_hjcd
 from workcell.ik.judge.exact import ExactDistances, ExactKinematics, smallest_clearance
 from workcell.ik.judge.verify import verify
 from workcell.ik.problem import Budget, Clearance, IKProblem, Tolerances
+from workcell.ik.shared.packing import narrowed_arm, pack_world
 from workcell.ik.solve import solve
 from workcell.model.robot import Tool
 from workcell.pose import Pose
@@ -191,12 +192,13 @@ def test_refinement_from_a_near_miss(dof):
         problem = hugged(robot, beads(robot, 0.04), rng, 12)
         q = solve_hjcd(problem, BUDGET, 0).q
         assert q is not None
-        found = refine(problem, q + rng.normal(scale=0.03, size=(3, dof)))
-        solved += found is not None
-        assert found is None or verify(problem, found).accepted
+        arm, world, target = narrowed_arm(problem), pack_world(problem), problem.target
+        pose, found = np.concatenate([target.position, target.quat_wxyz]), np.empty(dof)
+        near = np.clip(q + rng.normal(scale=0.03, size=(3, dof)), arm.bounds[0], arm.bounds[1])
+        if refine(arm, world, pose, near, 1e-8, found):
+            assert verify(problem, found).accepted
+            solved += 1
     assert solved >= 8
-    with pytest.raises(InputError, match="joint values"):
-        refine(problem, np.zeros(3))
 
 
 def test_a_tool_that_does_not_sit_at_the_end():

@@ -29,7 +29,7 @@ def test_equals_mujoco(scene, motion):
 
     data = mujoco.MjData(scene.model)
     model = scene.model
-    torques = ChainDynamics(scene).torques(motion)
+    torques = ChainDynamics(scene).at(motion.q, motion.qd, motion.qdd)
     for k in range(len(motion)):
         data.qpos[:], data.qvel[:], data.qacc[:] = motion.q[k], motion.qd[k], motion.qdd[k]
         mujoco.mj_inverse(model, data)
@@ -41,7 +41,7 @@ def test_equals_pinocchios_own_reading_of_the_file(scene, motion):
     pinocchio = pytest.importorskip("pinocchio")
     model = pinocchio.buildModelFromMJCF(str(find_asset("robots", "sawyer")))
     data = model.createData()
-    torques = ChainDynamics(scene).torques(motion)
+    torques = ChainDynamics(scene).at(motion.q, motion.qd, motion.qdd)
     for k in range(len(motion)):
         own = pinocchio.rnea(model, data, motion.q[k], motion.qd[k], motion.qdd[k])
         assert np.allclose(own + model.damping * motion.qd[k], torques[k], atol=1e-9)
@@ -61,4 +61,4 @@ def test_use_against_effort_limits(scene):
     late = Trajectory("sawyer", hard.time, q, 0 * q, np.where(np.arange(n)[:, None] == n - 1, 200.0, 0.0 * q))
     assert dynamics.use(late, every=4).worst == n - 1
     with pytest.raises(InputError, match="moves 3 joints"):
-        dynamics.torques(stationary("x", [0, 0, 0], 0.1))
+        dynamics.use(stationary("x", [0, 0, 0], 0.1))

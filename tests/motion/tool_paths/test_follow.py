@@ -10,8 +10,7 @@ from workcell.errors import InputError
 from workcell.geometry.types import SphereCover
 from workcell.ik.problem import Clearance, IKProblem
 from workcell.ik.result import IKResult, Status
-from workcell.motion.path import Path
-from workcell.motion.tool_paths.follow import FollowLimits, FollowStatus, follow, line, path_metrics
+from workcell.motion.tool_paths.follow import FollowLimits, FollowStatus, follow, line
 from workcell.motion.tool_paths.steps import LocalSolver
 from workcell.pose import Pose
 
@@ -79,9 +78,11 @@ def test_spacing_is_refined_until_the_tool_stays_on_the_line(arm7):
     assert result.metrics.deviation_m == metres.max()
 
 
-def test_metrics_of_a_path_with_a_truth(arm7, followed):
+def test_metrics_of_a_path_with_a_truth(arm7, straight):
     cover = SphereCover(np.arange(1, 8), np.zeros((7, 3)), np.full(7, 0.05))
-    metrics = path_metrics(followed.path, lambda q: Clearance(0.5, ("a", "b")), cover)
+    template = IKProblem(arm7, straight[0], checker=lambda q: Clearance(0.5, ("a", "b")))
+    followed = follow(template, straight, START, solver=solve_locally, extent=cover)
+    metrics = followed.metrics
     assert metrics.clearance_at_waypoints == Clearance(0.5, ("a", "b"))
     assert 0 < metrics.clearance_between < 0.5 and metrics.evaluations >= 1
     assert metrics.waypoints == len(followed.path)
@@ -177,8 +178,8 @@ def test_following_is_deterministic(arm7, straight, followed):
     assert np.array_equal(again.path.configurations, followed.path.configurations)
 
 
-def test_metrics_without_a_truth(planar):
-    metrics = path_metrics(Path(planar, np.array([[0, 0, 0], [0.1, 0, 0.0]])), None, None)
+def test_metrics_without_a_truth(followed):
+    metrics = followed.metrics
     assert np.isnan(metrics.clearance_between) and metrics.evaluations == 0
 
 

@@ -2,13 +2,11 @@
 
 Products of exponentials about the axes of the zero configuration; each angle follows from one equation a + b cos q +
 c sin q = 0 (Paden and Kahan's subproblems; Murray, Li and Sastry, A Mathematical Introduction to Robotic
-Manipulation, section 3.3). Two families: six joints, the second to fourth parallel and the last two meeting
-(Universal Robots); seven with a spherical shoulder and wrist (KUKA iiwa), where one joint angle is given.
+Manipulation, section 3.3). The family here: six joints, the second to fourth parallel and the last two meeting
+(Universal Robots).
 """
 
 from __future__ import annotations
-
-import itertools
 
 import numpy as np
 
@@ -17,12 +15,12 @@ from workcell.ik.judge.exact import ExactKinematics
 from workcell.model.robot import Robot
 from workcell.pose import Array, Pose, axis_angle_to_matrix
 
-_MEETS = 1e-6
+MEETS = 1e-6
 """Metres within which axes count as meeting."""
 _REACHES = 1e-7
 
 
-class _Screws:
+class Screws:
     """Joint axes (n, 3) and points on them (n, 3) in the zero configuration, and the tool's pose there."""
 
     def __init__(self, robot: Robot) -> None:
@@ -43,7 +41,7 @@ class _Screws:
         """The point where two axes meet."""
         normal = np.cross(self.z[i], self.z[j])
         apart = self.o[j] - self.o[i]
-        if abs(apart @ normal) > _MEETS:
+        if abs(apart @ normal) > MEETS:
             raise InputError(f"axes {i + 1} and {j + 1} don't meet", where=self.robot.name)
         point: Array = self.o[i] + self.z[i] * (np.cross(apart, self.z[j]) @ normal / (normal @ normal))
         return point
@@ -66,74 +64,40 @@ def parallel_arm(robot: Robot, target: Pose) -> Array:
     Raises:
         InputError: joints two to four aren't parallel, or the last two don't meet.
     """
-    s = _Screws(robot)
+    s = Screws(robot)
     if robot.dof != 6 or max(np.abs(np.cross(s.z[1], s.z[k])).max() for k in (2, 3)) > 1e-9:
         raise InputError("not an arm with six joints, the second to fourth parallel", where=robot.name)
     motion = target.matrix @ np.linalg.inv(s.zero)
     wrist = s.meeting(4, 5)
-    there = _apply(motion, wrist)
+    there = transformed(motion, wrist)
     side = s.z[1]
     found: list[Array] = []
     # Turned back by joint 1, the wrist's offset from the arm's plane is what it is at zero.
-    for q1 in _roots(-s.z[0], there - s.o[0], side, side @ (wrist - s.o[0])):
+    for q1 in roots(-s.z[0], there - s.o[0], side, side @ (wrist - s.o[0])):
         back = np.linalg.inv(s.turn(0, q1)) @ motion
-        for q5 in _roots(s.z[4], s.z[5], side, float(side @ back[:3, :3] @ s.z[5])):
-            q6 = -_angle(s.z[5], s.turn(4, -q5)[:3, :3] @ side, back[:3, :3].T @ side)
+        for q5 in roots(s.z[4], s.z[5], side, float(side @ back[:3, :3] @ s.z[5])):
+            q6 = -turn_between(s.z[5], s.turn(4, -q5)[:3, :3] @ side, back[:3, :3].T @ side)
             planar = back @ np.linalg.inv(s.turn(4, q5) @ s.turn(5, q6))
-            elbow = _apply(planar, s.o[3])
-            for q3 in _roots_distance(s.z[2], s.o[2], s.o[3], s.o[1], float(np.linalg.norm(elbow - s.o[1]))):
-                q2 = _angle(side, _apply(s.turn(2, q3), s.o[3]) - s.o[1], elbow - s.o[1])
+            elbow = transformed(planar, s.o[3])
+            for q3 in roots_of_distance(
+                s.z[2], s.o[2], s.o[3], s.o[1], float(np.linalg.norm(elbow - s.o[1]))
+            ):
+                q2 = turn_between(side, transformed(s.turn(2, q3), s.o[3]) - s.o[1], elbow - s.o[1])
                 rest = np.linalg.inv(s.turn(1, q2) @ s.turn(2, q3)) @ planar
                 x: Array = np.cross(side, s.z[4])
                 found.append(
                     np.array(
-                        [q1, q2, q3, _angle(s.z[3], x, np.asarray(rest[:3, :3] @ x, dtype=float)), q5, q6]
+                        [
+                            q1,
+                            q2,
+                            q3,
+                            turn_between(s.z[3], x, np.asarray(rest[:3, :3] @ x, dtype=float)),
+                            q5,
+                            q6,
+                        ]
                     )
                 )
     return s.reaching(found, motion)
-
-
-def spherical_arm(robot: Robot, target: Pose, third: float) -> Array:
-    """(k, 7) angles in [-pi, pi) of an arm with spherical shoulder and wrist, up to eight.
-
-    Its third joint is at `third`.
-
-    Raises:
-        InputError: axes one to three, or five to seven, don't meet in a point.
-    """
-    s = _Screws(robot)
-    if robot.dof != 7:
-        raise InputError("not an arm with seven joints", where=robot.name)
-    shoulder, wrist = s.meeting(0, 1), s.meeting(4, 5)
-    if (
-        np.abs(np.cross(shoulder - s.o[2], s.z[2])).max() + np.abs(np.cross(wrist - s.o[6], s.z[6])).max()
-        > _MEETS
-    ):
-        raise InputError("shoulder or wrist is not spherical", where=robot.name)
-    motion = target.matrix @ np.linalg.inv(s.zero)
-    there = _apply(motion, wrist) - shoulder
-    found: list[Array] = []
-    for q4 in _roots_distance(s.z[3], s.o[3], wrist, shoulder, float(np.linalg.norm(there))):
-        bent = _apply(s.turn(2, third) @ s.turn(3, q4), wrist) - shoulder
-        for q2 in _roots(s.z[1], bent, s.z[0], float(s.z[0] @ there)):
-            q1 = _angle(s.z[0], s.turn(1, q2)[:3, :3] @ bent, there)
-            arm = s.turn(0, q1) @ s.turn(1, q2) @ s.turn(2, third) @ s.turn(3, q4)
-            R = (np.linalg.inv(arm) @ motion)[:3, :3]
-            for q6 in _roots(s.z[5], s.z[6], s.z[4], float(s.z[4] @ R @ s.z[6])):
-                q5 = _angle(s.z[4], s.turn(5, q6)[:3, :3] @ s.z[6], R @ s.z[6])
-                rest = (s.turn(4, q5) @ s.turn(5, q6))[:3, :3].T @ R
-                x = np.cross(s.z[6], s.z[5])
-                found.append(np.array([q1, q2, third, q4, q5, q6, _angle(s.z[6], x, rest @ x)]))
-    return s.reaching(found, motion)
-
-
-def unwrapped(q: Array, robot: Robot) -> Array:
-    """(k, n) all the ways to add whole turns to angles (n,) so that they keep the robot's limits."""
-    choices = []
-    for angle, lower, upper in zip(q, robot.lower, robot.upper, strict=True):
-        first, last = np.ceil((lower - angle) / (2 * np.pi)), np.floor((upper - angle) / (2 * np.pi))
-        choices.append([angle + 2 * np.pi * turn for turn in np.arange(first, last + 1)])
-    return np.array(list(itertools.product(*choices))).reshape(-1, len(q))
 
 
 def _matrix(R: Array, p: Array) -> Array:
@@ -142,17 +106,18 @@ def _matrix(R: Array, p: Array) -> Array:
     return T
 
 
-def _apply(T: Array, point: Array) -> Array:
+def transformed(T: Array, point: Array) -> Array:
+    """A point (3,) moved by a transform (4, 4)."""
     moved: Array = T[:3, :3] @ point + T[:3, 3]
     return moved
 
 
-def _angle(z: Array, u: Array, v: Array) -> float:
+def turn_between(z: Array, u: Array, v: Array) -> float:
     """The turn about z that brings u's part across z to that of v."""
     return float(np.arctan2(z @ np.cross(u, v), u @ v - (z @ u) * (z @ v)))
 
 
-def _roots(z: Array, u: Array, w: Array, value: float) -> list[float]:
+def roots(z: Array, u: Array, w: Array, value: float) -> list[float]:
     """Angles at which w . (u turned about z) is `value`: two, or none."""
     along = (z @ u) * (z @ w)
     cosine, sine = w @ u - along, w @ np.cross(z, u)
@@ -163,7 +128,7 @@ def _roots(z: Array, u: Array, w: Array, value: float) -> list[float]:
     return [phase + half, phase - half]
 
 
-def _roots_distance(z: Array, o: Array, p: Array, q: Array, distance: float) -> list[float]:
+def roots_of_distance(z: Array, o: Array, p: Array, q: Array, distance: float) -> list[float]:
     """Turns of p about the axis (z, o) that bring it to a distance from q."""
     u, w = p - o, q - o
-    return _roots(z, u, w, 0.5 * float(u @ u + w @ w - distance**2))
+    return roots(z, u, w, 0.5 * float(u @ u + w @ w - distance**2))

@@ -106,12 +106,6 @@ def descend_search(
 
 
 @exact_kernel
-def stand(robot: Proof, box: Box) -> None:
-    """Compute what the checker knows of the lines at the middle of a box."""
-    stand_at_centre(robot, box)
-
-
-@exact_kernel
 def descend_checker(
     robot: Proof, scene: Scene, pairs: Array, box: Box, root: Array, planted: Array, which: int, boxes: int
 ) -> tuple[int, int]:  # fmt: skip

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +12,7 @@ from workcell.ik.judge.exact import ExactDistances, ExactKinematics, smallest_cl
 from workcell.ik.problem import IKProblem
 from workcell.model.robot import Robot
 from workcell.pose import Array, Pose
-from workcell.sets.problems import FORMAT, NamedProblem, ProblemSet
+from workcell.sets.problems import NamedProblem, ProblemSet
 
 LEAST_CLEARANCE = 2e-3
 """Metres that the hidden configuration of a solvable problem keeps from every obstacle."""
@@ -45,11 +43,6 @@ def generate(robot: Robot, cover: SphereCover, kind: str, n: int, seed: int = 0)
         problem = IKProblem(robot, target, obstacles, cover)
         named.append(NamedProblem(f"{robot.name}_{kind}_{k:04d}", problem))
     return ProblemSet(kind, robot, cover, tuple(named))
-
-
-def set_kinds() -> tuple[str, ...]:
-    """Kinds that `generate` knows."""
-    return tuple(_KINDS)
 
 
 class _Maker:
@@ -161,72 +154,3 @@ _KINDS: dict[str, Callable[[_Maker, int], tuple[Pose, tuple[Piece, ...]]]] = {
     "workcell": _Maker.workcell,
     "unreachable": _Maker.unreachable,
 }
-
-
-def problem_set_document(problem_set: ProblemSet) -> dict[str, Any]:
-    """A set as the JSON document that `parse_problem_set` reads.
-
-    Raises:
-        InputError: the robot or an obstacle is of a kind that the format doesn't know.
-    """
-    robot, cover = problem_set.robot, problem_set.cover
-    if np.any(robot.prismatic) or not robot.is_serial:
-        raise InputError("the format takes serial chains of revolute joints", where=robot.name)
-    from workcell.pose import matrix_to_quat
-
-    joints = [
-        {
-            "name": robot.joint_names[k],
-            "xyz": robot.joint_xyz[k].tolist(),
-            "quat": matrix_to_quat(robot.joint_rotation[k]).tolist(),
-            "axis": robot.axis[k].tolist(),
-            "lower": float(robot.lower[k]),
-            "upper": float(robot.upper[k]),
-        }
-        for k in range(robot.dof)
-    ]
-    rows = np.column_stack([cover.link, cover.centre, cover.radius]).tolist()
-    return {
-        "format": FORMAT,
-        "set": problem_set.name,
-        "n": len(problem_set),
-        "robot": {
-            "name": robot.name,
-            "joints": joints,
-            "tool": _pose(robot.tool().T_link_tool),
-            "spheres": [[int(row[0]), *row[1:]] for row in rows],
-        },
-        "problems": [_problem(named) for named in problem_set.problems],
-    }
-
-
-def write_problem_set(problem_set: ProblemSet, path: Path) -> None:
-    """Write a set as a problem-set file; raises OutputError when it can't be."""
-    from workcell.files import write_json_atomic
-
-    write_json_atomic(path, problem_set_document(problem_set))
-
-
-def _problem(named: NamedProblem) -> dict[str, Any]:
-    obstacles: dict[str, list[dict[str, Any]]] = {"boxes": [], "spheres": [], "cylinders": []}
-    for piece in named.problem.obstacles:
-        centre, quat = piece.pose.position.tolist(), piece.pose.quat_wxyz.tolist()
-        if piece.kind == "box":
-            obstacles["boxes"].append({"centre": centre, "half": piece.size.tolist(), "quat": quat})
-        elif piece.kind == "sphere":
-            obstacles["spheres"].append({"centre": centre, "radius": float(piece.size[0])})
-        elif piece.kind == "cylinder":
-            radius, half = piece.size.tolist()
-            obstacles["cylinders"].append(
-                {"centre": centre, "quat": quat, "half_length": half, "radius": radius}
-            )
-        else:
-            raise InputError(
-                f"the format has no {piece.kind}", where=piece.name, remedy="box, sphere, cylinder"
-            )
-    document = {"id": named.id, "target": _pose(named.problem.target), "obstacles": obstacles}
-    return document if named.start is None else {**document, "start": named.start.tolist()}
-
-
-def _pose(pose: Pose) -> dict[str, list[float]]:
-    return {"xyz": pose.position.tolist(), "quat": pose.quat_wxyz.tolist()}

@@ -38,24 +38,19 @@ if TYPE_CHECKING:
 CoverKind = Literal["outer", "inner"]
 
 
-def cover_piece(piece: Piece, overshoot: float) -> tuple[Array, Array, Array]:
-    """Spheres that hold one piece.
+def cover_pieces(pieces: Sequence[Piece], overshoot: float) -> tuple[Array, Array, Array]:
+    """Spheres that hold the union of pieces that move together; a sphere may serve several of them.
 
     Args:
-        piece: bounded convex piece.
+        pieces: bounded convex pieces, all in one frame.
         overshoot: metres that a sphere may stick out.
 
     Returns:
-        centres (m, 3), radii (m,) and each sphere's measured overshoot (m,), in the piece's outer frame.
+        centres (m, 3), radii (m,) and each sphere's measured overshoot (m,), in the pieces' frame.
 
     Raises:
         InputError: a half-space, or an overshoot that is not positive.
     """
-    return cover_pieces([piece], overshoot)
-
-
-def cover_pieces(pieces: Sequence[Piece], overshoot: float) -> tuple[Array, Array, Array]:
-    """As `cover_piece`, for the union of pieces that move together; a sphere may serve several of them."""
     check_overshoot(overshoot)
     for piece in pieces:
         if piece.kind == "halfspace":

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from workcell.geometry.clearance import robot_clearance
+from workcell.geometry.engine import ClearanceEngine
 from workcell.geometry.free_space.cuboids import (
     biased_seeds,
     holds_spheres,
@@ -62,7 +62,8 @@ def fill_free_space(
     part = SphereCover(cover.link[moving], cover.centre[moving], cover.radius[moving], cover.kind)
     packed = ObstacleArrays(obstacles)
     drawn = robot.random_configuration(rng, 10 * _BIASED_CONFIGURATIONS)
-    free = drawn[(robot_clearance(robot, part, packed, drawn) >= 0).all(axis=1)][:_BIASED_CONFIGURATIONS]
+    clear = _are_clear(robot, part, packed, drawn)
+    free = drawn[clear][:_BIASED_CONFIGURATIONS]
     bounds = workspace_box(robot)
     spots = np.asarray(points, dtype=float).reshape(-1, 3)
     near = biased_seeds(robot, part, np.vstack([*(q[None] for q in configurations), free]), seed=seed)
@@ -146,19 +147,6 @@ def spheres_held(
     return Held(float(held.mean()), float(either.mean()))
 
 
-def covered_fraction(
-    free_space: FreeSpace,
-    robot: Robot,
-    cover: SphereCover,
-    obstacles: ObstacleArrays | Sequence[Piece],
-    *,
-    samples: int = 200,
-    seed: int = 0,
-) -> float:
-    """Share of the reachable free workspace inside a cuboid or polytope (`spheres_held`); nan when nothing is free."""
-    return spheres_held(free_space, robot, cover, obstacles, samples=samples, seed=seed).in_any
-
-
 def free_spheres(
     robot: Robot,
     cover: SphereCover,
@@ -174,5 +162,12 @@ def free_spheres(
     part = SphereCover(cover.link[moving], cover.centre[moving], cover.radius[moving], cover.kind)
     q = robot.random_configuration(np.random.default_rng(seed), samples)
     packed = obstacles if isinstance(obstacles, ObstacleArrays) else ObstacleArrays(obstacles)
-    free = (robot_clearance(robot, part, packed, q) >= 0).all(axis=1)
+    free = _are_clear(robot, part, packed, q)
     return part.centres_world(robot.link_transforms(q[free])), np.array(part.radius)
+
+
+def _are_clear(robot: Robot, cover: SphereCover, obstacles: ObstacleArrays, q: Array) -> NDArray[np.bool_]:
+    """(k,) whether no sphere touches an obstacle at configurations q (k, n)."""
+    clearance = ClearanceEngine(robot, cover, obstacles).sphere_clearances(q)
+    clear: NDArray[np.bool_] = np.all(clearance >= 0, axis=1)
+    return clear

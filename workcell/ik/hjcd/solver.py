@@ -17,7 +17,7 @@ from workcell.compile_ahead import SAMPLING, wait_for
 from workcell.geometry.packing import random_state
 from workcell.ik.hjcd.batch import BatchSolution, solve_batch, solve_two_phase
 from workcell.ik.hjcd.memory import kernels, new_memory
-from workcell.ik.hjcd.refine import DEEPEST, refine_packed
+from workcell.ik.hjcd.refine import DEEPEST, refine
 from workcell.ik.judge.verify import sphere_name
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import Candidate
@@ -90,7 +90,7 @@ def _prepare_search(refinement: bool) -> None:
     arm, world, q, first = one_joint(), empty_world(1), np.zeros(1), np.zeros((0, 1))
     kernels().search(arm, world, np.zeros(7), first, ACCURACY, ACCURACY, 0, new_memory(1, 0), q)
     if refinement:
-        refine_packed(arm, world, np.zeros(7), first, ACCURACY, q)
+        refine(arm, world, np.zeros(7), first, ACCURACY, q)
 
 
 def _searches(problem: IKProblem) -> bool:
@@ -222,7 +222,7 @@ class _Search:
         starts = [miss[3:] for miss in memory.misses if miss[0] > world.required - DEEPEST]
         starts = [q for q in starts if q.tobytes() not in self._refined]
         self._refined |= {q.tobytes() for q in starts}
-        return bool(starts) and refine_packed(self._arm, world, self._pose, np.array(starts), ACCURACY, q)
+        return bool(starts) and refine(self._arm, world, self._pose, np.array(starts), ACCURACY, q)
 
     def _passes(self, q: Array) -> bool:
         """Ask the judges that the kernels don't know: link rotations and the problem's own checker."""

@@ -1,7 +1,7 @@
 """IKSPARK's obstacle model (section VII): every sphere inside one of several cuboids, relaxed by perspectives.
 
 The relaxation (69), (71) holds, for one sphere, exactly the convex hull of its cuboids. Pairs of sphere and cuboid
-that cannot meet are dropped first by distances along the chain, then, where it pays, one by one (Problem 7).
+that cannot meet are dropped by distances along the chain.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from workcell.errors import InputError
 from workcell.geometry.types import FreeSpace
-from workcell.ik.ikspark.instance import Instance, instance_of
+from workcell.ik.ikspark.instance import Instance
 from workcell.ik.ikspark.lift import Lift
 from workcell.ik.problem import IKProblem
 from workcell.ik.shared.conic import Cones, ConicSolution, ConicSolver
@@ -73,19 +73,6 @@ def reachable_pairs(problem: IKProblem, free_space: FreeSpace) -> Pairs:
             )
         allowed &= free_space.admissible[sphere]
     return Pairs(sphere, lower, upper, allowed)
-
-
-def meeting_pairs(problem: IKProblem, pairs: Pairs, centres: Array) -> Pairs:
-    """Problem 7: drop every pair whose sphere alone can't be brought into its cuboid; centres (m, 3, N + 1)."""
-    allowed = pairs.allowed.copy()
-    with instance_of(problem, halfspaces=8) as instance:
-        for j, i in np.argwhere(pairs.allowed):
-            above, below = centres[j].copy(), -centres[j]
-            above[:, -1] -= pairs.lower[j, i]
-            below[:, -1] += pairs.upper[j, i]
-            instance.set_halfspaces(np.vstack([above, below]))
-            allowed[j, i] = instance.solve(np.zeros(instance.lift.size)).status != "infeasible"
-    return replace(pairs, allowed=allowed)
 
 
 def sphere_maps(lift: Lift, problem: IKProblem, spheres: NDArray[np.int64]) -> Array:

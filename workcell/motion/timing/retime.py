@@ -36,23 +36,6 @@ _DAMPING_PASSES, _FASTER = 3, 1.2
 _SMALLEST = 1e-12
 
 
-@dataclass(frozen=True, slots=True)
-class LimitUse:
-    """Largest share of each limit that a motion uses: 1 is all of it.
-
-    Attributes:
-        velocity, acceleration: (n,) largest |value| / limit of each joint.
-    """
-
-    velocity: Array
-    acceleration: Array
-
-    @property
-    def kept(self) -> bool:
-        """Whether both limits hold for every joint."""
-        return bool(max(self.velocity.max(), self.acceleration.max()) <= 1.0)
-
-
 def retime(
     path: Path,
     velocity: ArrayLike | None = None,
@@ -245,14 +228,3 @@ def motion_limits(
             )
         limits.append(np.array(values))
     return limits[0], limits[1]
-
-
-def limit_use(trajectory: Trajectory, velocity: ArrayLike, acceleration: ArrayLike) -> LimitUse:
-    """The share of each limit that a trajectory uses at its samples."""
-    return _limit_use(
-        trajectory.qd, trajectory.qdd, np.asarray(velocity, float), np.asarray(acceleration, float)
-    )
-
-
-def _limit_use(qd: Array, qdd: Array, v_max: Array, a_max: Array) -> LimitUse:
-    return LimitUse(np.abs(qd).max(axis=0) / v_max, np.abs(qdd).max(axis=0) / a_max)

@@ -105,17 +105,12 @@ class ChainDynamics:
                 self._model.appendBodyToJoint(parent, body, pin.SE3(T.rotation, np.array(T.position)))
             placement = pin.SE3.Identity()
 
-    def torques(self, trajectory: Trajectory) -> Array:
+    def at(self, q: Array, qd: Array, qdd: Array) -> Array:
         """(T, n) joint torques that produce the motion, joint damping and armature included.
 
-        Raises:
-            InputError: another robot's trajectory.
+        Args:
+            q, qd, qdd: (T, n) rows of positions, velocities and accelerations.
         """
-        self._check(trajectory)
-        return self.at(trajectory.q, trajectory.qd, trajectory.qdd)
-
-    def at(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """The same for rows of positions, velocities and accelerations (T, n) each."""
         rows = [self._pin.rnea(self._model, self._data, *row).copy() for row in zip(q, qd, qdd, strict=True)]
         total: Array = np.array(rows) + self._armature * qdd + self._damping * qd
         return total

@@ -28,7 +28,7 @@ from workcell.ik.problem import Budget, Clearance, IKProblem
 from workcell.ik.result import IKResult, Status
 from workcell.motion.path import Path
 from workcell.motion.proofs.on_model import Proof, prove_segment
-from workcell.motion.quality import measured, path_metrics, smallest
+from workcell.motion.quality import measured, smallest
 from workcell.motion.tool_paths.poses import PathTolerance, check_tool_path, line
 from workcell.motion.tool_paths.result import FollowFailure, FollowLimits, FollowResult, FollowStatus
 from workcell.motion.tool_paths.steps import LocalSolver, Solver, Tolerant
@@ -45,7 +45,6 @@ __all__ = [
     "follow",
     "line",
     "local_solver",
-    "path_metrics",
     "step_solver",
 ]
 

@@ -11,7 +11,7 @@ import functools
 import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,6 @@ from workcell.ik.shared.packing import empty_world, one_joint
 from workcell.motion.tool_paths.models import worlds
 from workcell.motion.tool_paths.poses import PathTolerance
 from workcell.pose import Array, Pose
-
-if TYPE_CHECKING:
-    pass
 
 ACCURACY = 1e-7
 """Metres of error (a radian weighs 0.3 m) to which the tool is brought onto its pose."""

@@ -22,9 +22,6 @@ from workcell.record.shapes import Shape
 from workcell.record.write.archetypes import archetype_of, colour_bytes
 from workcell.record.write.rrd_frames import STORE_INFO, split_frames
 
-_PATIENCE_S = 15.0
-"""Rerun's writer thread may die of a full disk without telling: then waiting for it longer is in vain."""
-
 APPLICATION = "workcell"
 TIME, STEP, SOLVER_STEP = "sim_time", "step", "solver_step"
 

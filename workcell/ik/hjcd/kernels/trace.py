@@ -47,12 +47,6 @@ class Walked(NamedTuple):
 
 
 @inner
-def nothing_walked(n: int) -> Walked:
-    """An empty memory."""
-    return Walked(np.empty((MEMORY, 2 * n + 1)), np.zeros(1))
-
-
-@inner
 def _offset(arm: Arm, k: int, difference: float) -> float:
     """A joint's difference modulo whole turns."""
     if arm.frames[k + 1, 12] == 0.0:

@@ -4,12 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.geometry.shapes import BOUNDED, points_inside, random_piece
-from workcell.geometry.clearance import (
-    robot_clearance,
-    robot_clearance_gradient,
-    sphere_clearance_gradients,
-    sphere_clearances,
-)
+from workcell.geometry.engine import ClearanceEngine
 from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.types import Piece, SphereCover
 from workcell.model.robot import serial_robot
@@ -69,7 +64,7 @@ def test_distances_agree_with_coal(kind):
         }
         place = coal.Transform3s(piece.pose.rotation, piece.pose.position)
         centre = rng.uniform(-1, 1, 3)
-        found = sphere_clearances(centre[None], [0.02], [piece])[0]
+        found = ObstacleArrays([piece]).nearest(centre)[0] - 0.02
         if found < 1e-3:
             continue
         request, result = coal.DistanceRequest(), coal.DistanceResult()
@@ -101,7 +96,7 @@ def test_nearest_and_floor_are_the_smallest_and_a_bound_below_it():
 
 
 def test_no_obstacles_means_infinitely_far():
-    distance, gradient, index = sphere_clearance_gradients(np.zeros((2, 3)), [0.1, 0.1], [])
+    distance, gradient, index = ObstacleArrays([]).nearest(np.zeros((2, 3)))
     assert np.all(np.isinf(distance)) and not gradient.any() and np.all(index == -1)
 
 
@@ -122,15 +117,13 @@ def test_robot_gradient_agrees_with_finite_differences():
     cover = SphereCover(rng.integers(0, 7, 30), rng.uniform(-0.1, 0.1, (30, 3)), np.full(30, 0.03))
     obstacles = ObstacleArrays([random_piece(rng, kind) for kind in BOUNDED])
     q = rng.uniform(-2, 2, 6)
-    distance, jacobian = robot_clearance_gradient(robot, cover, obstacles, q)
-    assert np.allclose(distance, robot_clearance(robot, cover, obstacles, q))
+    engine = ClearanceEngine(robot, cover, obstacles)
+    distance, jacobian, _ = engine.sphere_clearances_and_gradients(q)
+    assert np.allclose(distance, engine.sphere_clearances(q))
     h = 1e-6
     for k in range(6):
         step = np.eye(6)[k] * h
-        slope = (
-            robot_clearance(robot, cover, obstacles, q + step)
-            - robot_clearance(robot, cover, obstacles, q - step)
-        ) / (2 * h)
+        slope = (engine.sphere_clearances(q + step) - engine.sphere_clearances(q - step)) / (2 * h)
         assert np.allclose(slope, jacobian[:, k], atol=1e-6)
     assert not jacobian[cover.link == 0].any()
 

@@ -1,11 +1,14 @@
 import json
 
+import matplotlib.image
 import numpy as np
 import pytest
 
 from tests.geometry.shapes import points_inside
+from workcell.errors import OutputError
 from workcell.geometry.decompose import decompose
 from workcell.model.scene import Scene
+from workcell.record.show.decomposition import decomposition_figure, draw_decomposition
 
 CELL = """<mujoco model="cell"><worldbody>
   <geom name="floor" type="plane" size="1 1 .1" pos="0 0 -1"/>
@@ -59,10 +62,12 @@ def test_json_is_in_the_world_and_covers_robot_and_obstacles(decomposition):
 
 
 def test_picture_is_written(decomposition, tmp_path):
-    from workcell.errors import OutputError
-    from workcell.record.show.decomposition import draw_decomposition
-
+    """As a PNG of the figure (what is in it is tested beside the other pictures), or not at all."""
     draw_decomposition(decomposition, tmp_path / "cell.png")
-    assert (tmp_path / "cell.png").read_bytes()[:4] == b"\x89PNG"
+    figure = decomposition_figure(decomposition)
+    figure.canvas.draw()
+    written = matplotlib.image.imread(tmp_path / "cell.png")
+    assert np.array_equal(np.round(255 * written), np.asarray(figure.canvas.buffer_rgba()))
+    assert f"{decomposition.metrics['obstacle_spheres']} on obstacles" in figure.get_suptitle()
     with pytest.raises(OutputError, match="can't be written"):
         draw_decomposition(decomposition, tmp_path / "missing" / "cell.png")

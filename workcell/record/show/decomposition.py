@@ -17,6 +17,7 @@ from workcell.pose import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _VIEWS = (("from the side", 0, 2, 1.0), ("from above", 0, 1, 1.0))
 """Title, horizontal and vertical world axis, and the sign of the missing axis that points at the viewer."""
@@ -25,17 +26,26 @@ _ROBOT, _OBSTACLE, _POLYTOPE = "#d1600a", "#5b6b7a", "#b02a6b"
 
 
 def draw_decomposition(decomposition: Decomposition, path: str | Path) -> None:
-    """Write a PNG with six panels: geometry, spheres and free space, each seen from the side and from above.
+    """Write `decomposition_figure` as a PNG.
 
     Raises:
         OutputError: the file can't be written.
     """
-    import matplotlib
+    figure = decomposition_figure(decomposition)
+    try:
+        figure.savefig(path)
+    except OSError as error:
+        raise OutputError(f"the picture can't be written: {error.strerror or error}", where=path) from None
 
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(len(_VIEWS), 3, figsize=(16.5, 10.5), layout="constrained")
+def decomposition_figure(decomposition: Decomposition) -> Figure:
+    """Six panels: geometry, spheres and free space (columns), each seen from the side and from above (rows)."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(16.5, 10.5), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(len(_VIEWS), 3)
     window = _window(decomposition)
     for row, (side, across, up, sign) in enumerate(_VIEWS):
         for column, panel in enumerate((_draw_geometry, _draw_spheres, _draw_cuboids)):
@@ -50,12 +60,7 @@ def draw_decomposition(decomposition: Decomposition, path: str | Path) -> None:
         f"that hold {100 * metrics['covered_fraction']:.1f} % of the free workspace",
         fontsize=14,
     )
-    try:
-        figure.savefig(path, dpi=110)
-    except OSError as error:
-        raise OutputError(f"the picture can't be written: {error.strerror or error}", where=path) from None
-    finally:
-        plt.close(figure)
+    return figure
 
 
 def _draw_geometry(axes: Axes, d: Decomposition, across: int, up: int, sign: float) -> str:

@@ -9,6 +9,8 @@ import mujoco
 import numpy as np
 import pytest
 
+from tests.record.sight import Mask, geoms_seen, inside
+from workcell.record.render.raster import Camera
 from workcell.record.write.recording import Recording
 
 TOY = """
@@ -71,3 +73,15 @@ def record_toy(
 @pytest.fixture
 def toy_file(tmp_path: Path, toy: mujoco.MjModel) -> Path:
     return record_toy(tmp_path / "toy.rrd", toy)
+
+
+def toy_seen(toy: mujoco.MjModel, camera: Camera, time: float, edge: int = 2) -> dict[str, Mask]:
+    """For each visible geom of the toy, and the `sky`, the pixels (h, w) that look at it, `edge` pixels along its edges left out."""
+    data = mujoco.MjData(toy)
+    times, motion = toy_motion(toy)
+    data.qpos[:] = motion[int(np.argmin(np.abs(times - time)))]
+    mujoco.mj_forward(toy, data)
+    seen, _ = geoms_seen(toy, data, camera)
+    names = {-1: "sky"} | {geom: toy.geom(geom).name for geom in range(toy.ngeom)}
+    inner = {name: inside(seen == geom, edge) for geom, name in names.items()}
+    return {name: pixels for name, pixels in inner.items() if pixels.any()}

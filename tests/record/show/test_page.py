@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import re
 import shutil
@@ -13,11 +14,15 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from PIL import Image
 
-from tests.record.conftest import RESULT, record_toy
+from tests.record.conftest import RESULT, record_toy, toy_seen
+from tests.record.sight import coloured
 from workcell.errors import OutputError
+from workcell.pose import Array
 from workcell.record.read.review import review
+from workcell.record.show.cameras import choose_cameras
 from workcell.record.show.page import page, write_page
 
 
@@ -47,7 +52,10 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("page")
     model = mujoco.MjModel.from_xml_string(TOY)
     odd = RESULT | {"note": "<script>alert('no')</script>"}
-    return write_page(review(record_toy(folder / "toy.rrd", model, odd)), folder / "toy.html")
+    found = review(record_toy(folder / "toy.rrd", model, odd))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("workcell.record.show.pictures._TILE", (200, 150))
+        return write_page(found, folder / "toy.html")
 
 
 def test_the_page_is_one_file_with_everything_in_it(written: Path) -> None:
@@ -66,19 +74,39 @@ def test_the_page_is_one_file_with_everything_in_it(written: Path) -> None:
         assert word in text
 
 
-def test_the_film_has_a_picture_for_each_time_and_they_differ(written: Path, tmp_path: Path) -> None:
+def picture_in(uri: str) -> Array:
+    """The picture (h, w, 3) in [0, 1] that a page holds."""
+    data = re.fullmatch(r"data:image/(?:png|jpeg);base64,(.*)", uri)[1]
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"), dtype=float) / 255.0
+
+
+def test_the_film_shows_arm_and_box_at_each_time(written: Path, toy: mujoco.MjModel) -> None:
     script = re.search(r'id="film">(.*?)</script>', written.read_text(), re.DOTALL)
     assert script is not None
     film = json.loads(script[1])
     assert len(film["times"]) == len(film["frames"]) >= 24
     assert film["times"][0] == 0.0
     assert film["times"][-1] == pytest.approx(2.0)
-    pictures = []
-    for name, frame in (("first", film["frames"][0]), ("last", film["frames"][-1])):
-        (tmp_path / name).write_bytes(base64.b64decode(frame.removeprefix("data:image/jpeg;base64,")))
-        pictures.append(np.asarray(Image.open(tmp_path / name), dtype=float))
-    assert pictures[0].shape == (480, 640, 3)
-    assert np.abs(pictures[0] - pictures[1]).max() > 50
+    camera = choose_cameras(review(written.with_suffix(".rrd")).stage, 640, 480)[0]
+    for k in (0, len(film["times"]) // 2, -1):
+        picture, seen = picture_in(film["frames"][k]), toy_seen(toy, camera, film["times"][k], edge=8)
+        assert picture.shape == (480, 640, 3)
+        for name in ("upper", "box"):
+            its_colour = coloured(picture, toy.geom(name).rgba, within=0.06)
+            for other, pixels in seen.items():
+                share = its_colour[pixels].mean()
+                assert share > 0.99 if other == name else share < 0.002, (name, other, k)
+
+
+def test_the_page_has_the_pictures_and_the_plots(written: Path, toy: mujoco.MjModel) -> None:
+    found = dict(re.findall(r'<img alt="([^"]*)" src="([^"]*)">', written.read_text()))
+    assert list(found) == ["key moments, each from two sides", "metrics over time"]
+    sheet, plots = (picture_in(uri) for uri in found.values())
+    assert np.allclose(sheet[20, -20], to_rgb("#2e7d32"), atol=0.01)  # the green of a verdict `achieved`
+    for name in ("upper", "box"):
+        assert coloured(sheet, toy.geom(name).rgba).sum() > 5_000
+    curve = np.abs(plots - to_rgb("#1f6fb4")).max(axis=2) < 0.05
+    assert curve[: len(plots) // 2].sum() > 500 and curve[len(plots) // 2 :].sum() > 500
 
 
 def test_text_of_the_run_is_not_taken_for_html(written: Path) -> None:

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 
-from tests.record.conftest import TOY, record_toy, toy_motion
-from tests.record.sight import Mask, around, coloured, geoms_seen, inside
+from tests.record.conftest import TOY, record_toy, toy_seen
+from tests.record.sight import around, coloured
 from workcell.errors import OutputError
 from workcell.pose import Array
 from workcell.record.read.reader import read
@@ -66,20 +66,9 @@ def sheet(found: Review) -> Axes:
     return page
 
 
-def things_seen(toy: mujoco.MjModel, camera: Camera, time: float) -> dict[str, Mask]:
-    """For each visible geom of the toy, and the `sky`, the pixels (h, w) that look at it, their edges left out."""
-    data = mujoco.MjData(toy)
-    times, motion = toy_motion(toy)
-    data.qpos[:] = motion[int(np.argmin(np.abs(times - time)))]
-    mujoco.mj_forward(toy, data)
-    seen, _ = geoms_seen(toy, data, camera)
-    names = {-1: "sky"} | {geom: toy.geom(geom).name for geom in range(toy.ngeom)}
-    return {name: inside(seen == geom) for geom, name in names.items() if np.any(inside(seen == geom))}
-
-
 def assert_shows(picture: Array, toy: mujoco.MjModel, camera: Camera, time: float) -> set[str]:
     """Every pixel has the colour of the thing it looks at and of no other thing; the things that are in the picture."""
-    seen = things_seen(toy, camera, time)
+    seen = toy_seen(toy, camera, time)
     for name in ("floor", "upper", "box", "wedge"):
         its_colour = coloured(picture, toy.geom(name).rgba)
         for other, pixels in seen.items():
@@ -181,7 +170,7 @@ def test_a_thing_that_moves_is_drawn_where_it_is(
 def test_a_picture_without_the_arm_differs_where_the_arm_is_and_in_its_shadow(
     found: Review, cameras: tuple[Camera, Camera], toy: mujoco.MjModel
 ) -> None:
-    studio, seen = Studio(found.stage, cameras[0]), things_seen(toy, cameras[0], 1.0)
+    studio, seen = Studio(found.stage, cameras[0]), toy_seen(toy, cameras[0], 1.0)
     whole, without = studio.picture(1.0), studio.picture(1.0, robots=False)
     assert not coloured(without, toy.geom("upper").rgba).any()
     assert np.abs(whole - without)[seen["upper"]].max(axis=1).min() > 0.05

@@ -6,14 +6,19 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
+from tests.record.sight import around, ball_at, geoms_seen, inside
 from workcell.ik.certificate import Certificate
 from workcell.ik.check import check_certificate
 from workcell.model.loading.assets import find_task
 from workcell.model.scene import Scene
 from workcell.record.read.review import review
+from workcell.record.show.cameras import choose_cameras
+from workcell.record.show.pictures import contact_sheet
+from workcell.record.show.studio import Studio
 from workcell.task.run import JobResult, run_task
 from workcell.world.planning_world import PlanningWorld
 
@@ -60,3 +65,31 @@ def test_the_recording_shows_what_is_in_the_way(run: JobResult) -> None:
     shown = {thing.path for thing in found.stage.things if thing.kind == "why"}
     assert shown == {"world/why/blocked_by/beam", "world/why/closest/ur10"}
     assert any("proved impossible" in line.text for line in found.events)
+
+
+def test_the_picture_shows_the_beam_in_red_and_the_closest_pose_in_orange(
+    run: JobResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From both sides; a picture without the reasons differs there and nowhere else."""
+    monkeypatch.setattr("workcell.record.show.pictures._ALONE", (240, 180))
+    found, here = review(Path(run.recording)), world()
+    model, data = here.scene.model, mujoco.MjData(here.scene.model)
+    data.qpos[:] = here.scene.initial_qpos()
+    mujoco.mj_forward(model, data)
+    moving = here.cover.link > 0
+    T = here.robot.robot.link_transforms(np.asarray(run.summary["why"]["closest"]["q"]))
+    closest = list(zip(here.cover.centres_world(T)[moving], here.cover.radius[moving], strict=True))
+    tiles = contact_sheet(found).axes[0].images
+    for camera, tile in zip(choose_cameras(found.stage, 240, 180), tiles, strict=True):
+        picture, bare = np.asarray(tile.get_array()), Studio(found.stage, camera).picture(0.0)
+        geoms, distance = geoms_seen(model, data, camera)
+        red = picture[..., 0] > 2.0 * picture[..., 1:].max(axis=2)
+        beam = geoms == model.geom("beam").id
+        assert inside(beam).sum() > 1000
+        assert red[inside(beam)].all() and not red[~around(beam)].any()
+        assert not np.any(bare[..., 0] > 2.0 * bare[..., 1:].max(axis=2))
+        balls = np.any([ball_at(camera, *ball) < distance for ball in closest], axis=0)
+        added = picture - bare
+        orange = added[..., 0] - added[..., 2]
+        assert orange[inside(balls) & ~around(beam)].min() > 0.1
+        assert not added[~around(balls) & ~around(beam)].any()

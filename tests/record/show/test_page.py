@@ -90,7 +90,7 @@ def test_the_film_shows_arm_and_box_at_each_time(written: Path, toy: mujoco.MjMo
     camera = choose_cameras(review(written.with_suffix(".rrd")).stage, 640, 480)[0]
     for k in (0, len(film["times"]) // 2, -1):
         picture, seen = picture_in(film["frames"][k]), toy_seen(toy, camera, film["times"][k], edge=8)
-        assert picture.shape == (480, 640, 3)
+        assert picture.shape == (480, 640, 3) and {"upper", "box"} <= set(seen)
         for name in ("upper", "box"):
             its_colour = coloured(picture, toy.geom(name).rgba, within=0.06)
             for other, pixels in seen.items():

@@ -76,7 +76,7 @@ def toy_file(tmp_path: Path, toy: mujoco.MjModel) -> Path:
 
 
 def toy_seen(toy: mujoco.MjModel, camera: Camera, time: float, edge: int = 2) -> dict[str, Mask]:
-    """For each visible geom of the toy, and the `sky`, the pixels (h, w) that look at it, `edge` pixels along its edges left out."""
+    """For each geom in sight, and the `sky`, the pixels (h, w) that look at it, `edge` pixels inside its edges."""
     data = mujoco.MjData(toy)
     times, motion = toy_motion(toy)
     data.qpos[:] = motion[int(np.argmin(np.abs(times - time)))]

@@ -1,4 +1,4 @@
-"""What a camera sees, by rays: which of MuJoCo's geoms, balls and boxes are at each pixel; which pixels have a colour."""
+"""What a camera sees, by rays: which geom, ball or box is at each pixel; and which pixels have a colour."""
 
 from __future__ import annotations
 
@@ -66,8 +66,10 @@ def box_at(camera: Camera, low: Any, high: Any) -> Mask:
 
 
 def coloured(picture: NDArray[Any], rgb: Any, within: float = 0.01) -> Mask:
-    """Pixels (h, w) of a picture that a matt or glossy thing of a colour can have in sun or shade: the colour, darker
-    or lighter, and a little white."""
+    """Pixels (h, w) that a matt or glossy thing of a colour can have in sun or shade.
+
+    That is the colour, darker or lighter, and a little white.
+    """
     colour = np.asarray(rgb, dtype=float)[:3]
     apart, mean = colour - colour.mean(), picture.mean(axis=2)
     if np.abs(apart).max() > 1e-3:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from dataclasses import replace
 
 import cvxpy as cp
@@ -20,7 +22,7 @@ from workcell.bench.reference.cidgik_problems import (
     random_problems,
 )
 from workcell.bench.reference.closed_forms import parallel_arm
-from workcell.ik.certificate import Certificate
+from workcell.ik.certificate import Certificate, problem_hash
 from workcell.ik.check import check_certificate
 from workcell.ik.cidgik.check import check_cidgik
 from workcell.ik.cidgik.chordal import ChordalInstance, ChordalStructure
@@ -32,7 +34,7 @@ from workcell.ik.cidgik.query import check_query, solve_query
 from workcell.ik.cidgik.skeleton import Skeleton
 from workcell.ik.cidgik.solver import prove_cidgik, solve_cidgik
 from workcell.ik.cidgik.structure import Structure
-from workcell.ik.problem import Budget, IKProblem
+from workcell.ik.problem import Budget, IKProblem, Tolerances
 from workcell.ik.result import Status
 from workcell.ik.shared.conic import svec
 from workcell.ik.solve import solve
@@ -158,26 +160,91 @@ def test_far_targets_are_certified_and_the_certificate_says_so_again(robot: Robo
     certificate = prove_cidgik(problem)
     assert certificate is not None and certificate.scope == "kinematics"
     assert check_certificate(problem, Certificate.from_json(certificate.to_json())) is None
-    assert check_certificate(replace(problem, target=target), certificate) is not None
+    near = replace(problem, target=target)
+    assert check_certificate(near, certificate) == "it belongs to another problem"
+    claimed = replace(certificate, problem_hash=problem_hash(near))
+    assert "do not prove the claim" in str(check_certificate(near, claimed))
 
 
-def test_damaged_certificates_are_refused() -> None:
-    robot = bench_arm("ur10")
-    problem = IKProblem(robot, Pose.from_xyz([2.0, 0.0, 0.0]))
+@functools.cache
+def far_proof() -> tuple[IKProblem, Certificate]:
+    """Of a chain whose limits and frames have multipliers."""
+    robot = ARMS[3]
+    problem = IKProblem(robot, Pose.from_xyz([1.5 * robot.reach(), 0.0, 0.0]))
     certificate = prove_cidgik(problem)
-    assert certificate is not None
-    data = dict(certificate.data)
-    damaged = [
-        data | {"S": -data["S"]},
-        data | {"S": data["S"][:-1]},
-        data | {"equalities": 0.0 * data["equalities"]},
-        data | {"keys": np.zeros((1, 3)), "rows": np.ones(1)},
-        data | {"tolerances": np.array([1e-9, 1e-9, 0.0])},
-        {name: values for name, values in data.items() if name != "S"},
-    ]
-    for numbers in damaged:
-        assert check_cidgik(problem, replace(certificate, data=numbers)) is not None
-    assert check_cidgik(problem, replace(certificate, scope="geometry")) is not None
+    assert certificate is not None and len(certificate.data["limits"]) and len(certificate.data["frames"])
+    return problem, certificate
+
+
+@functools.cache
+def blocked_proof() -> tuple[IKProblem, Certificate]:
+    """Of a pose that obstacles block: a row of the workspace has a multiplier."""
+    for problem in infeasible_problems(6, 0):
+        certificate = prove_cidgik(problem)
+        if certificate is not None and len(certificate.data["rows"]):
+            return problem, certificate
+    pytest.fail("none of the poses is proved blocked")
+
+
+@pytest.mark.parametrize(
+    ("made", "part", "change", "because"),
+    [
+        (far_proof, "S", np.negative, "is not positive semidefinite"),
+        (far_proof, "frames", np.negative, "is not positive semidefinite"),
+        (far_proof, "limits", np.negative, "multiplier of an inequality is negative"),
+        (blocked_proof, "rows", np.negative, "multiplier of an inequality is negative"),
+        (far_proof, "S", lambda S: S[:-1], "damaged or of another relaxation"),
+        (far_proof, "equalities", lambda values: values[:-1], "damaged or of another relaxation"),
+        (far_proof, "limits", lambda values: np.append(values, 0.0), "damaged or of another relaxation"),
+        (far_proof, "frames", lambda frames: frames[1:], "damaged or of another relaxation"),
+        (far_proof, "keys", lambda keys: keys[:, :2], "damaged or of another relaxation"),
+        (far_proof, "keys", lambda keys: np.zeros((1, 3)), "damaged or of another relaxation"),
+        (far_proof, "S", lambda S: np.nan * S, "damaged or of another relaxation"),
+        (blocked_proof, "keys", lambda keys: keys + np.array([0, 0, 100]), "a row that the workspace does not have"),
+        (blocked_proof, "keys", lambda keys: keys + np.array([0, 100, 0]), "a row that the workspace does not have"),
+        (blocked_proof, "keys", lambda keys: keys + np.array([100, 0, 0]), "a row that the workspace does not have"),
+        (far_proof, "equalities", np.zeros_like, "do not prove the claim"),
+        (far_proof, "limits", np.zeros_like, "do not prove the claim"),
+        (far_proof, "S", np.zeros_like, "do not prove the claim"),
+        (blocked_proof, "rows", np.zeros_like, "do not prove the claim"),
+        (far_proof, "tolerances", lambda _: np.array([1e-9, 1.0, 0.0]), "does not cover the problem's tolerances"),
+        (far_proof, "tolerances", lambda _: np.array([1.0, 1e-9, 0.0]), "does not cover the problem's tolerances"),
+        (far_proof, "tolerances", lambda _: np.array([1.0, 1.0, -1.0]), "does not cover the problem's tolerances"),
+        (far_proof, "tolerances", lambda _: np.array([10.0, 1.0, 0.0]), "do not prove the claim"),
+        (far_proof, "tolerances", lambda values: values[:2], "tolerances are missing or malformed"),
+        (far_proof, "tolerances", lambda values: np.nan * values, "tolerances are missing or malformed"),
+    ],
+)  # fmt: skip
+def test_damaged_certificates_are_refused_for_what_is_wrong_with_them(
+    made: Callable[[], tuple[IKProblem, Certificate]],
+    part: str,
+    change: Callable[[np.ndarray], np.ndarray],
+    because: str,
+) -> None:
+    problem, certificate = made()
+    assert check_cidgik(problem, certificate) is None
+    numbers = dict(certificate.data) | {part: change(np.array(certificate.data[part]))}
+    assert because in str(check_cidgik(problem, replace(certificate, data=numbers)))
+
+
+def test_incomplete_borrowed_and_overclaiming_certificates_are_refused() -> None:
+    problem, certificate = far_proof()
+    for part in ("equalities", "limits", "keys", "rows", "S", "frames"):
+        left = {name: values for name, values in certificate.data.items() if name != part}
+        assert "incomplete" in str(check_cidgik(problem, replace(certificate, data=left)))
+    without = {name: values for name, values in certificate.data.items() if name != "tolerances"}
+    assert "tolerances are missing" in str(check_cidgik(problem, replace(certificate, data=without)))
+    assert "it is of kind 'reach'" in str(check_cidgik(problem, replace(certificate, kind="reach")))
+    wider = replace(problem, tolerances=Tolerances(position=1.0))
+    assert check_cidgik(wider, certificate) == "it belongs to another problem"
+    claimed = replace(certificate, problem_hash=problem_hash(wider))
+    assert "does not cover the problem's tolerances" in str(check_cidgik(wider, claimed))
+    for scope in ("geometry", "model"):
+        refusal = str(check_cidgik(problem, replace(certificate, scope=scope)))
+        assert refusal == f"its scope is '{scope}', but it proves something of 'kinematics'"
+    blocked, proof = blocked_proof()
+    refusal = str(check_cidgik(blocked, replace(proof, scope="kinematics")))
+    assert refusal == "its scope is 'kinematics', but it proves something of 'geometry'"
 
 
 def test_what_is_possible_is_never_proved_impossible() -> None:
@@ -252,8 +319,12 @@ def test_poses_whose_solutions_all_collide() -> None:
     result = solve(blocked, "cidgik", Budget(2.0))
     assert result.status is Status.BLOCKED
     assert result.certificate is not None and check_certificate(blocked, result.certificate) is None
-    without = replace(blocked, obstacles=blocked.obstacles[:1])
-    assert check_certificate(without, result.certificate) is not None
+    without = replace(blocked, obstacles=())
+    smaller = replace(blocked, obstacles=tuple(replace(o, size=0.8 * o.size) for o in blocked.obstacles))
+    for other, because in ((without, "a row that the workspace does not have"), (smaller, "do not prove")):
+        assert check_certificate(other, result.certificate) == "it belongs to another problem"
+        claimed = replace(result.certificate, problem_hash=problem_hash(other))
+        assert because in str(check_certificate(other, claimed))
 
 
 def test_proofs_of_queries() -> None:
@@ -262,7 +333,10 @@ def test_proofs_of_queries() -> None:
     answer = solve_query(query, Budget(2.0))
     assert answer.status is Status.UNREACHABLE and answer.proof is not None
     assert check_query(query, answer.proof) is None
-    assert check_query(replace(query, goals=(Goal.at("tool", [0.7, 0.2, 0.3]),)), answer.proof) is not None
+    within = replace(query, goals=(Goal.at("tool", [0.7, 0.2, 0.3]),))
+    assert "do not prove the claim" in str(check_query(within, answer.proof))
+    forged = replace(answer.proof, S=-answer.proof.S)
+    assert check_query(query, forged) == "a multiplier is not positive semidefinite"
 
 
 def test_joint_points_leave_out_what_the_base_fixes() -> None:

@@ -83,7 +83,8 @@ def test_the_toy_with_both_elbows_in_discs(radius: float, status: Status) -> Non
     if answer.proof is not None:
         assert check_query(query, answer.proof) is None
         smaller = replace(discs, obstacles=Balls(discs.obstacles.centre, [0.95, 0.95]))
-        assert check_query(replace(query, workspace=smaller), answer.proof) is not None
+        refusal = check_query(replace(query, workspace=smaller), answer.proof)
+        assert "do not prove the claim" in str(refusal)
 
 
 def test_a_planar_arm_reaches_poses_within_its_limits() -> None:
@@ -100,7 +101,7 @@ def test_a_planar_goal_out_of_reach_is_certified() -> None:
     assert answer.status is Status.UNREACHABLE and answer.proof is not None
     assert check_query(query, answer.proof) is None
     nearer = replace(query, goals=(Goal.at("tool", [1.4, 1.4, 0.0]),))
-    assert check_query(nearer, answer.proof) is not None
+    assert "do not prove the claim" in str(check_query(nearer, answer.proof))
 
 
 def test_a_tree_reaches_several_goals_at_once() -> None:

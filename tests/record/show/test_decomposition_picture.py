@@ -1,4 +1,4 @@
-"""The picture of a decomposition: every sphere, cuboid and solid where it is, in its panel, seen from both sides."""
+"""The picture of a decomposition: every sphere, cuboid and solid is where it is, in its own panel."""
 
 from __future__ import annotations
 
@@ -197,7 +197,7 @@ def test_a_part_is_drawn_where_it_is_and_nowhere_else(
     change: Callable[[Decomposition], tuple[Decomposition, list[Silhouette]]],
     column: int,
 ) -> None:
-    """A picture of the part elsewhere differs where it was and is: in the one panel for such parts, from both sides."""
+    """A picture of the part elsewhere differs where it was and is: in one panel, from both sides."""
     changed, silhouettes = change(parts)
     differs = np.abs(drawn(decomposition_figure(changed)) - picture).max(axis=2) > 0.012
     expected = np.zeros_like(differs)

@@ -67,7 +67,7 @@ def sheet(found: Review) -> Axes:
 
 
 def assert_shows(picture: Array, toy: mujoco.MjModel, camera: Camera, time: float) -> set[str]:
-    """Every pixel has the colour of the thing it looks at and of no other thing; the things that are in the picture."""
+    """Every pixel has the colour of the thing it looks at, and of no other; the names of the things in sight."""
     seen = toy_seen(toy, camera, time)
     for name in ("floor", "upper", "box", "wedge"):
         its_colour = coloured(picture, toy.geom(name).rgba)

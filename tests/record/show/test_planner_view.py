@@ -1,4 +1,4 @@
-"""The planner's view: the robot's spheres, and the cuboids: those that links are in strongly, all others faintly."""
+"""The planner's view: spheres, and cuboids: those that links are in are drawn strongly, others faintly."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def test_spheres_are_drawn_in_blue_where_they_are_and_nowhere_else(
 def test_the_cuboids_in_use_are_drawn_stronger_than_the_others(
     found: Review, page: Axes, studio: Studio, space: FreeSpace
 ) -> None:
-    """In the colour of their number's badge, with hardly anything of the picture left; the others in thin green."""
+    """In the colour of their number's badge, and nothing shines through; the others in thin green."""
     masks = mask_of(studio, space)
     for k, used in ((0, 0), (3, 1)):
         time, tile = key_moments(found, 4)[k].time, page.images[k]

@@ -6,13 +6,15 @@ import numpy as np
 
 from workcell.ik.cidgik.recover import nearest_turn
 from workcell.ik.cidgik.search import Finished
-from workcell.ik.trees.judge import _goal_error, judge_query
+from workcell.ik.trees.judge import judge_query
 from workcell.ik.trees.query import Goal, Query
-from workcell.pose import Array
+from workcell.pose import Array, rotation_vector
 
 _LENGTH = 0.3
 """Metres that weigh as much as a radian."""
 _CONVERGED = 1e-10
+_SIDE = 1e-9
+"""Sine below which two directions count as parallel."""
 
 
 class QueryFinisher:
@@ -68,6 +70,30 @@ def _errors(query: Query, q: Array) -> tuple[Array, Array]:
         errors += [position / _LENGTH, rotation]
         jacobians += [J[:3] / _LENGTH, _rotation_rows(goal, J[3:])]
     return np.concatenate(errors), np.vstack(jacobians)
+
+
+def _goal_error(query: Query, goal: Goal, T: Array) -> tuple[Array, Array]:
+    """(3,) metres and (3,) radians that a tool has yet to go: rotation vector, zero where the goal leaves it free."""
+    tool = query.robot.tool(goal.tool)
+    pose = T[tool.link] @ tool.T_link_tool.matrix
+    position = goal.position - pose[:3, 3]
+    if goal.kind == "position":
+        return position, np.zeros(3)
+    if goal.kind == "pose":
+        return position, np.asarray(rotation_vector(goal.directions.T @ pose[:3, :3].T))
+    have, want = pose[:3, :3] @ goal.axes[0], goal.directions[0]
+    across = np.cross(have, want)
+    sine = float(np.linalg.norm(across))
+    if sine < _SIDE:
+        return position, np.zeros(3) if have @ want > 0 else np.pi * _any_normal(have)
+    angle = float(np.arctan2(sine, have @ want))
+    return position, across * (angle / sine)
+
+
+def _any_normal(v: Array) -> Array:
+    n = np.cross(v, np.eye(3)[int(np.argmin(np.abs(v)))])
+    normal: Array = n / np.linalg.norm(n)
+    return normal
 
 
 def _rotation_rows(goal: Goal, angular: Array) -> Array:

@@ -91,8 +91,9 @@ def solve_query(query: Query, budget: Budget | None = None, seed: int = 0, *, lo
 
 def _answer(query: Query, q: Array | None, proof: Proof | None, search: Search, spent: float) -> Answer:
     stats = search.stats | {"cpu_s": spent}
-    if q is not None:
-        return Answer(Status.SOLVED, q, judge_query(query, q), None, stats, tuple(search.rejected))
+    verdict = None if q is None else judge_query(query, q)
+    if verdict is not None and verdict.accepted:
+        return Answer(Status.SOLVED, q, verdict, None, stats, tuple(search.rejected))
     if proof is not None:
         status = Status.BLOCKED if len(proof.keys) else Status.UNREACHABLE
         return Answer(status, None, None, proof, stats, tuple(search.rejected))

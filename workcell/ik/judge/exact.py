@@ -7,6 +7,7 @@ zero configuration, not the chain of link transforms that `Robot` uses.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -55,8 +56,14 @@ def target_rotation(problem: IKProblem) -> Array:
     return R
 
 
+def rotation_angle(rotation: Array) -> float:
+    """Angle in [0, pi] of a rotation (3, 3), from the sine and the cosine that the matrix holds."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
+    return math.atan2(0.5 * math.hypot(zy - yz, xz - zx, yx - xy), 0.5 * (xx + yy + zz - 1.0))
+
+
 class ExactKinematics:
-    """World poses of a serial robot's links by products of exponentials.
+    """World poses of a robot's links, a chain's or a tree's, by products of exponentials.
 
     Attributes:
         zero_rotation, zero_position: (n + 1, 3, 3) and (n + 1, 3), the links in the zero configuration.
@@ -65,12 +72,13 @@ class ExactKinematics:
     def __init__(self, robot: Robot) -> None:
         n = robot.dof
         self.robot = robot
+        self._parents = robot.parents.tolist()
         zero = np.tile(np.eye(4), (n + 1, 1, 1))
         self.zero_rotation, self.zero_position = zero[:, :3, :3], zero[:, :3, 3]
         self.zero_rotation[0] = robot.T_world_base.rotation
         self.zero_position[0] = robot.T_world_base.position
-        for k in range(n):
-            R, p = self.zero_rotation[k], self.zero_position[k]
+        for k, parent in enumerate(self._parents):
+            R, p = self.zero_rotation[parent], self.zero_position[parent]
             self.zero_rotation[k + 1] = R @ robot.joint_rotation[k]
             self.zero_position[k + 1] = R @ robot.joint_xyz[k] + p
         self._zero = zero
@@ -95,8 +103,8 @@ class ExactKinematics:
         joints += slide[:, None, None] * C + _IDENTITY
         moved = np.empty_like(self._zero)
         moved[0] = _IDENTITY
-        for k in range(len(q)):
-            np.matmul(moved[k], joints[k], out=moved[k + 1])
+        for k, parent in enumerate(self._parents):
+            np.matmul(moved[parent], joints[k], out=moved[k + 1])
         T = moved @ self._zero
         return T[:, :3, :3], T[:, :3, 3]
 

@@ -8,7 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from workcell.ik.judge.exact import exact_distances, exact_kinematics, smallest_clearance, target_rotation
+from workcell.ik.judge.exact import (
+    exact_distances,
+    exact_kinematics,
+    rotation_angle,
+    smallest_clearance,
+    target_rotation,
+)
 from workcell.ik.problem import Clearance, IKProblem
 from workcell.model.robot import LIMIT_SLACK
 from workcell.pose import Array
@@ -85,7 +91,7 @@ class Verifier:
         if self.problem.goal == "axis":
             one, two = self._target_rotation[:, 2], tool_rotation[:, 2]
             return math.atan2(float(np.linalg.norm(np.cross(one, two))), float(one @ two))
-        return _angle(self._target_rotation @ tool_rotation.T)
+        return rotation_angle(self._target_rotation @ tool_rotation.T)
 
     def _clearance(self, q: Array, rotation: Array, position: Array) -> Clearance:
         problem = self.problem
@@ -182,12 +188,6 @@ def sphere_name(problem: IKProblem, sphere: int) -> str:
     source = problem.cover.source[sphere] if problem.cover.source else ""
     carrier = source or problem.robot.link_names[link]
     return f"sphere {sphere} ({carrier})"
-
-
-def _angle(rotation: Array) -> float:
-    """Angle in [0, pi] of a rotation (3, 3), from the sine and the cosine that the matrix holds."""
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
-    return math.atan2(0.5 * math.hypot(zy - yz, xz - zx, yx - xy), 0.5 * (xx + yy + zz - 1.0))
 
 
 def _counted(values: Array) -> str:

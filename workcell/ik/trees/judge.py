@@ -1,19 +1,20 @@
-"""Whether a configuration answers a query of several goals, by the tree's own kinematics.
+"""Whether a configuration answers a query of several goals: these, the joint limits and the workspace.
 
-What is looked at are its goals, limits and workspace.
+Links are placed by products of exponentials, and errors measured here: the judge shares nothing with a search.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from workcell.ik.judge.exact import exact_kinematics, rotation_angle
 from workcell.ik.trees.query import Goal, Query
 from workcell.model.robot import LIMIT_SLACK
 from workcell.pose import Array
-
-_SIDE = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,43 +32,52 @@ class Verdict:
         return not self.reasons
 
 
-def judge_query(query: Query, q: Array) -> Verdict:
-    """Judge a configuration (n,) by forward kinematics alone."""
+def judge_query(query: Query, q: ArrayLike) -> Verdict:
+    """Judge a configuration (n,); anything that is not one is refused with the reason, not raised."""
     robot = query.robot
-    T = robot.link_transforms(q)
-    away, turned = 0.0, 0.0
-    for goal in query.goals:
-        position, rotation = _goal_error(query, goal, T)
-        away = max(away, float(np.linalg.norm(position)))
-        turned = max(turned, float(np.linalg.norm(rotation)))
+    try:
+        values = np.asarray(q, dtype=float)
+    except (TypeError, ValueError):
+        return _refused("the configuration is not a list of numbers")
+    if values.shape != (robot.dof,) or not np.isfinite(values).all():
+        return _refused(f"no configuration of {robot.dof} finite joint values")
+    rotation, position = exact_kinematics(robot).links(values)
+    errors = [_goal_error(query, goal, rotation, position) for goal in query.goals]
+    away, turned = (max(values) for values in zip(*errors, strict=True))
     reasons = []
     if not away <= query.position_tolerance:
         reasons.append(f"a tool is {1e3 * away:.3g} mm from its goal")
     if not turned <= query.rotation_tolerance:
         reasons.append(f"a tool is turned by {turned:.3g} rad from its goal")
-    for k in np.flatnonzero((q < robot.lower - LIMIT_SLACK) | (q > robot.upper + LIMIT_SLACK)):
-        reasons.append(f"joint {robot.joint_names[k]} = {q[k]:.6g} is outside its limits")
-    clearance, worst = workspace_clearance(query, T)
-    if clearance < 0:
+    for k in np.flatnonzero((values < robot.lower - LIMIT_SLACK) | (values > robot.upper + LIMIT_SLACK)):
+        reasons.append(f"joint {robot.joint_names[k]} = {values[k]:.6g} is outside its limits")
+    clearance, worst = _workspace_clearance(query, rotation, position)
+    if not clearance >= 0:
         reasons.append(f"{worst} is broken by {-1e3 * clearance:.3g} mm")
     return Verdict(away, turned, clearance, tuple(reasons))
 
 
-def workspace_clearance(query: Query, T: Array) -> tuple[float, str]:
-    """Least distance (m) by which points keep the workspace at link poses T, negative where broken; and the rule.
+def _refused(reason: str) -> Verdict:
+    nan = float("nan")
+    return Verdict(nan, nan, nan, (reason,))
 
-    Points that can't move count as well. Points in planes (`equal`) are broken from a hundredth of a millimetre on.
+
+def _workspace_clearance(query: Query, rotation: Array, position: Array) -> tuple[float, str]:
+    """Least distance (metres) by which points keep the workspace, negative where broken; and the rule that has it.
+
+    The links are at rotations (n + 1, 3, 3) and positions (n + 1, 3). Points that can't move count as well. Points in
+    planes (`equal`) are broken from a hundredth of a millimetre on.
     """
     space = query.workspace
     link, local, radius = space.points.link, space.points.local, space.points.radius
-    y = np.einsum("mij,mj->mi", T[link, :3, :3], local) + T[link, :3, 3]
+    y = np.einsum("mij,mj->mi", rotation[link], local) + position[link]
     found: list[tuple[float, str]] = [(float("inf"), "nothing")]
     for balls, name, sign in ((space.obstacles, "obstacle", 1.0), (space.inside, "containing sphere", -1.0)):
         if len(balls) and len(y):
             centre = balls.centre
             if query.dimension == 2:
                 # a planar arm sees the discs in its own plane
-                normal = T[0, :3, :3] @ (query.robot.joint_rotation[0] @ query.robot.axis[0])
+                normal = rotation[0] @ (query.robot.joint_rotation[0] @ query.robot.axis[0])
                 across = (y[:, None] - centre) @ normal
                 distance = np.linalg.norm(y[:, None] - centre - across[..., None] * normal, axis=-1)
             else:
@@ -87,27 +97,21 @@ def workspace_clearance(query: Query, T: Array) -> tuple[float, str]:
     return min(found)
 
 
-def _goal_error(query: Query, goal: Goal, T: Array) -> tuple[Array, Array]:
-    """(3,) metres and (3,) radians that a tool has yet to go: rotation vector, zero where the goal leaves it free."""
-    from workcell.pose import rotation_vector
-
+def _goal_error(query: Query, goal: Goal, rotation: Array, position: Array) -> tuple[float, float]:
+    """Metres and radians that a tool has yet to go; no radians where the goal leaves its rotation free."""
     tool = query.robot.tool(goal.tool)
-    pose = T[tool.link] @ tool.T_link_tool.matrix
-    position = goal.position - pose[:3, 3]
+    R = rotation[tool.link] @ tool.T_link_tool.rotation
+    tip = rotation[tool.link] @ tool.T_link_tool.position + position[tool.link]
+    away = math.dist(tip.tolist(), goal.position.tolist())
+    # each axis of the tool that the goal speaks of, in the world, against the direction that it is to have
+    have = goal.axes @ R.T
     if goal.kind == "position":
-        return position, np.zeros(3)
-    if goal.kind == "pose":
-        return position, np.asarray(rotation_vector(goal.directions.T @ pose[:3, :3].T))
-    have, want = pose[:3, :3] @ goal.axes[0], goal.directions[0]
-    across = np.cross(have, want)
-    sine = float(np.linalg.norm(across))
-    if sine < _SIDE:
-        return position, np.zeros(3) if have @ want > 0 else np.pi * _any_normal(have)
-    angle = float(np.arctan2(sine, have @ want))
-    return position, across * (angle / sine)
+        return away, 0.0
+    if goal.kind == "direction":
+        return away, _angle_between(have[0], goal.directions[0])
+    return away, rotation_angle(goal.directions.T @ have)
 
 
-def _any_normal(v: Array) -> Array:
-    n = np.cross(v, np.eye(3)[int(np.argmin(np.abs(v)))])
-    normal: Array = n / np.linalg.norm(n)
-    return normal
+def _angle_between(one: Array, two: Array) -> float:
+    """Angle in [0, pi] of two directions."""
+    return math.atan2(float(np.linalg.norm(np.cross(one, two))), float(one @ two))

@@ -7,9 +7,11 @@ import pytest
 
 from workcell.errors import InputError
 from workcell.geometry.types import Piece, SphereCover
+from workcell.ik.judge.verify import verify
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import Status
 from workcell.motion.body import Upright, pack_body
+from workcell.motion.plans import goals
 from workcell.motion.plans.compiled import Effort, search
 from workcell.motion.plans.to_pose import plan_to_pose
 from workcell.motion.proofs.judge import BatchLinks, judge_path
@@ -147,3 +149,31 @@ def test_a_search_that_makes_no_sense(planar, planar_cover):
         search(body, np.zeros(2), [np.zeros(3)])
     with pytest.raises(InputError, match="not finite"):
         search(body, np.zeros(3), [np.full(3, np.nan)])
+
+
+def test_no_path_is_solved_whose_end_the_judge_refuses(walled, monkeypatch):
+    """Goals that are clear but miss the target, as a faulty solver might hand them over, end no path."""
+    honest, asked = goals.collect_solutions, []
+
+    def faulty(problem, count, seed, budget):
+        asked.append(seed)
+        off = 0.01 if len(asked) <= goals.GOALS else 0.0
+        return [q + off for q in honest(problem, count, seed, budget)]
+
+    monkeypatch.setattr(goals, "collect_solutions", faulty)
+    plan = plan_to_pose(walled, START, budget=Budget(5.0), seed=1)
+    assert plan.stats["rounds"] > 1
+    assert plan.solved and verify(walled, plan.path[-1]).accepted
+
+
+@pytest.mark.parametrize("effort", [Effort(), Effort(optimise_s=0.2, optimise_iterations=500)])
+def test_the_judge_is_asked_about_the_very_end_of_the_path_that_is_returned(walled, monkeypatch, effort):
+    judged, reaches = [], goals.Goals.reaches
+
+    def noted(self, q):
+        judged.append(np.array(q))
+        return reaches(self, q)
+
+    monkeypatch.setattr(goals.Goals, "reaches", noted)
+    plan = plan_to_pose(walled, START, budget=Budget(5.0), seed=1, effort=effort)
+    assert plan.solved and np.array_equal(judged[-1], plan.path[-1])

@@ -1,4 +1,10 @@
-"""A proved path from a configuration to a pose: goals by inverse kinematics, then the compiled search."""
+"""A proved path from a configuration to a pose: goals by inverse kinematics, then the compiled search.
+
+What SOLVED rests on: the judge of single configurations, which shares nothing with solvers and planners, accepts the
+path's end, and the planner's own kernels prove all of it once more when it is whole. `motion.proofs.judge.judge_path`
+proves a path with code of its own. It takes four times as long as planning does, so that it is not asked here but by
+`workcell verify`, and by whoever calls it.
+"""
 
 from __future__ import annotations
 
@@ -45,11 +51,12 @@ class PosePlan:
     """A path to a pose, or why there is none.
 
     Attributes:
-        status: SOLVED: there is a path, and its end was verified; UNREACHABLE, BLOCKED, BLOCKED_IN_MODEL: no
-            configuration reaches the pose, with the certificate in `ik`; NOT_FOUND: the budget was spent.
+        status: SOLVED: there is a path, whose end the independent judge accepts, and which the planner's own kernels
+            proved; UNREACHABLE, BLOCKED, BLOCKED_IN_MODEL: no configuration reaches the pose, with the certificate in
+            `ik`; NOT_FOUND: the budget was spent.
         path: (k, n) corners, straight lines between, from the start to a configuration that solves the problem; or
             None.
-        proved: whether all of the path was proved clear.
+        proved: whether all of the path was proved clear, by the planner's own kernels (see the module).
         margin: metres of clearance that were proved; nan without a path.
         reason: what stood in the way, in words; empty when solved.
         ik: the last answer of inverse kinematics, where it has none or a proof that there is none.
@@ -126,7 +133,7 @@ class _Query:
             raise InputError(
                 "the problem has a judge of its own",
                 where="problem",
-                remedy="motion.plan.plan takes a checker",
+                remedy="workcell.motion.plans.by_checker.plan takes a checker",
             )
         self.wall, self.cpu = time.perf_counter(), time.process_time()
         self.problem, self.seed, self.effort, self.budget = problem, seed, effort, budget
@@ -177,17 +184,22 @@ class _Query:
             self.spent["looks"] += found.looks
             reason = f"none of {len(goals)} goal configurations was reached with {int(self.spent['lines'])} lines tried"
             if found.path is not None:
-                if self.goals.reaches(found.path[-1]):
-                    return self.proved(body, self.optimised(body, found.path))
+                answer = self.answer(body, found.path)
+                if answer is not None:
+                    return answer
                 del self.goals.rows[found.goal]
         return self.result(Status.NOT_FOUND, None, reason=reason)
+
+    def answer(self, body: Body, path: Array) -> PosePlan | None:
+        """The only door to SOLVED; None where the judge of single configurations refuses the end of a path found."""
+        if self.effort.optimises and self.goals.reaches(path[-1]):
+            path = self.optimised(body, path)
+        return self.proved(body, path) if self.goals.reaches(path[-1]) else None
 
     def optimised(self, body: Body, path: Array) -> Array:
         """The shortest path that the means for optimising lead to, in rounds with ever more goals and samples."""
         left = self.effort.optimise_iterations
         deadline = time.process_time() + self.effort.optimise_s
-        if not self.effort.optimises:
-            return path
         self.spent["first_length"] = path_length(path)
         self.spent["first_cpu_s"] = time.process_time() - self.cpu
         self.spent["optimise_iterations"] = 0.0

@@ -12,7 +12,7 @@ from tests.ik.arms import beads, box
 from tests.ik.lifted_arms import parallel_elbow, scara, seven_axis, skew_arm
 from workcell.errors import InputError
 from workcell.geometry.types import FreeSpace
-from workcell.ik.branch.checker import check as branch_checker
+from workcell.ik.branch.checker.check import scope_of
 from workcell.ik.certificate import Certificate, Grounds, Scope, problem_hash, proof_scope
 from workcell.ik.ikspark.check import check_farkas
 from workcell.ik.ikspark.cuboid_proof import certify_model
@@ -218,7 +218,7 @@ def test_free_space_too_small_for_the_arm_is_certified_in_the_model() -> None:
             assert check_farkas(problem, saved) is None
             places = np.asarray(certificate.data["places"])
             broken = replace(certificate, data={**certificate.data, "places": 0.0 * places})
-            assert check_farkas(problem, broken) is not None
+            assert "does not prove" in str(check_farkas(problem, broken))
         else:
             pytest.fail("the example should need the relaxation, not only distances")
 
@@ -277,4 +277,4 @@ def test_a_proof_claims_no_more_than_it_rests_on(
     assert proof_scope(problem, grounds) == scope
     if grounds != "cuboids":
         # the checker of trees says it for itself
-        assert branch_checker._scope(problem, grounds == "spheres") == scope
+        assert scope_of(problem, grounds == "spheres") == scope

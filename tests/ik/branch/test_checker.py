@@ -11,9 +11,9 @@ from tests.ik.branch.test_solver import BUDGET, elbow_problem, ur_like, wall
 from workcell.bench.reference.planting import planted_problem, random_chain, surround
 from workcell.errors import InputError
 from workcell.geometry.types import Piece, SphereCover
-from workcell.ik.branch.checker.check import check_branch, seal, statement
+from workcell.ik.branch.checker.check import check_branch, check_tree, seal, statement
 from workcell.ik.branch.solver import solve_branch
-from workcell.ik.certificate import Certificate
+from workcell.ik.certificate import Certificate, problem_hash
 from workcell.ik.judge.exact import ExactKinematics
 from workcell.ik.judge.verify import verify
 from workcell.ik.problem import IKProblem, Tolerances
@@ -47,52 +47,76 @@ def test_other_problems_are_refused() -> None:
     problem, certificate = proof()
     moved = dataclasses.replace(problem, target=problem.target @ Pose.from_xyz([1e-6, 0.0, 0.0]))
     assert "another problem" in str(check_branch(moved, certificate))
-    assert check_branch(problem, dataclasses.replace(certificate, kind="reach")) is not None
+    other = dataclasses.replace(certificate, kind="reach")
+    assert check_branch(problem, other) == "a proof of kind 'reach' is not a tree of boxes"
 
 
 @pytest.mark.parametrize("name", ["tree", "splits", "blocked", "root", "inflation", "clearance", "seal"])
 def test_any_changed_number_is_refused(name: str) -> None:
+    """By the seal: each of these changes leaves the proof well formed."""
     problem, certificate = proof()
-    for index in range(0, certificate.data[name].size, max(certificate.data[name].size // 7, 1)):
-        values = np.array(certificate.data[name])
-        values.flat[index] += 1e-3
-        assert check_branch(problem, changed(certificate, honest_seal=False, **{name: values})) is not None
+    whole = certificate.data[name]
+    places = np.flatnonzero(whole >= 0) if name == "tree" else np.arange(whole.size)
+    for index in places[:: max(len(places) // 7, 1)]:
+        values = np.array(whole)
+        values.flat[index] += 1.0 if name in ("tree", "blocked") else 1e-3
+        refusal = check_branch(problem, changed(certificate, honest_seal=False, **{name: values}))
+        assert refusal == "the proof's numbers have been changed since it was made"
     missing = {key: value for key, value in certificate.data.items() if key != name}
-    assert check_branch(problem, dataclasses.replace(certificate, data=missing)) is not None
+    refusal = str(check_branch(problem, dataclasses.replace(certificate, data=missing)))
+    assert ("have been changed" if name == "seal" else f"lacks '{name}'") in refusal
+
+
+def with_node(tree: np.ndarray, node: int, code: float) -> np.ndarray:
+    return np.where(np.arange(len(tree)) == node, code, tree)
 
 
 def test_forged_trees_are_refused() -> None:
     problem, certificate = proof()
     tree, splits, blocked = (certificate.data[name] for name in ("tree", "splits", "blocked"))
+    free, blocks = np.flatnonzero(tree == -1), np.flatnonzero(tree == -2)
+    fit, there = "don't fit together", "a sphere or an obstacle that isn't there"
     forgeries = {
-        "a missing leaf": {"tree": tree[:-1]},
-        "a leaf too many": {"tree": np.append(tree, -1.0)},
-        "an unknown reason": {
-            "tree": np.where(np.arange(len(tree)) == np.argmax(tree == -2), -3.0, tree), "blocked": blocked[:, 1:]
-        },
-        "an unknown joint": {"tree": np.where(tree >= 0, 7.0, tree)},
-        "half a joint": {"tree": np.where(tree >= 0, 0.5, tree)},
-        "a split outside": {"splits": splits + 10.0},
-        "not a number": {"splits": splits * np.nan},
-        "too few splits": {"splits": splits[1:]},
-        "too few pairs": {"blocked": blocked[:, 1:]},
-        "another sphere": {"blocked": blocked + np.array([[1.0], [0.0]])},
-        "a gap": {"root": certificate.data["root"] * 0.9},
-        "a smaller tolerance": {"inflation": certificate.data["inflation"] * 0.5},
-        "a larger clearance": {"clearance": certificate.data["clearance"] + 1.0},
-    }  # fmt: skip
-    for what, data in forgeries.items():
-        assert check_branch(problem, changed(certificate, **data)) is not None, what
+        "a missing leaf": ({"tree": tree[:-1]}, fit),
+        "a leaf too many": ({"tree": np.append(tree, -1.0)}, fit),
+        "too few splits": ({"splits": splits[1:]}, fit),
+        "too few pairs": ({"blocked": blocked[:, 1:]}, "don't fit the leaves"),
+        "a pair of halves": ({"blocked": blocked + 0.5}, "don't fit the leaves"),
+        "an unknown reason": ({"tree": with_node(tree, blocks[0], -4.0)}, "unknown reason or joint"),
+        "an unknown joint": ({"tree": np.where(tree >= 0, 7.0, tree)}, "unknown reason or joint"),
+        "half a joint": ({"tree": np.where(tree >= 0, 0.5, tree)}, "unknown reason or joint"),
+        "a leaf too early": ({"tree": np.append(-1.0, np.delete(tree, free[-1]))}, "a leaf can't be proved"),
+        "a split outside": ({"splits": splits + 10.0}, "a split lies outside the joint's range"),
+        "not a number": ({"splits": splits * np.nan}, "'splits' holds a number that is not finite"),
+        "a list of lists": ({"splits": splits[:, None]}, "'splits' has the wrong shape"),
+        "another sphere": ({"blocked": blocked + np.array([[1.0], [0.0]])}, there),
+        "another obstacle": ({"blocked": blocked + np.array([[0.0], [2.0]])}, there),
+        "spheres for a wall": ({"tree": with_node(tree, blocks[0], -3.0)}, "the spheres 0 and 1 may touch"),
+        "a gap": ({"root": certificate.data["root"] * 0.9}, "leave out a part of joint 'j0'"),
+        "one joint less": ({"root": certificate.data["root"][:, 1:]}, "configurations has the wrong shape"),
+        "a smaller tolerance": ({"inflation": certificate.data["inflation"] * 0.5}, "are needed"),
+        "a larger clearance": (
+            {"clearance": certificate.data["clearance"] + 1.0},
+            "about a clearance of 1 m",
+        ),
+        "two clearances": ({"clearance": np.zeros(2)}, "the claim is damaged"),
+    }
+    for what, (data, because) in forgeries.items():
+        assert because in str(check_branch(problem, changed(certificate, **data))), what
     alone = changed(certificate, tree=np.array([-1.0]), splits=np.zeros(0), blocked=np.zeros((2, 0)))
-    assert check_branch(problem, dataclasses.replace(alone, scope="kinematics")) is not None
+    alone = dataclasses.replace(alone, scope="kinematics")
+    assert check_branch(problem, alone) == "a leaf can't be proved (node 1 of 1)"
 
 
 def test_claims_beyond_the_proof_are_refused() -> None:
     problem, certificate = proof()
-    assert check_branch(problem, dataclasses.replace(certificate, scope="kinematics")) is not None
-    assert check_branch(problem, dataclasses.replace(certificate, scope="model")) is not None
-    assert check_branch(problem, dataclasses.replace(certificate, statement="No way.")) is not None
-    assert check_branch(problem, dataclasses.replace(certificate, margin=1.0)) is not None
+    for claim, because in (
+        ({"scope": "kinematics"}, "the proof's scope is not 'kinematics'"),
+        ({"scope": "model"}, "the proof's scope is not 'model'"),
+        ({"statement": "No way."}, "the statement is not what the proof shows"),
+        ({"margin": 1.0}, "the margin is not the tolerance that the proof covers"),
+    ):
+        assert check_branch(problem, dataclasses.replace(certificate, **claim)) == because
 
 
 def test_wrong_obstacle_is_refused() -> None:
@@ -104,13 +128,11 @@ def test_wrong_obstacle_is_refused() -> None:
 
 
 def test_no_tree_proves_a_solvable_problem() -> None:
-    """The proof of a blocked problem, handed in for the one with a gap in the wall, and for planted solutions."""
+    """The proof of a blocked problem, handed in for the one with a gap in the wall."""
     _, certificate = proof()
     gap = elbow_problem((wall("left", -0.4, 0.3), wall("right", 0.4, 0.3)))
-    from workcell.ik.certificate import problem_hash
-
     forged = dataclasses.replace(certificate, problem_hash=problem_hash(gap))
-    assert check_branch(gap, forged) is not None
+    assert "a leaf can't be proved" in str(check_branch(gap, forged))
 
 
 def test_checker_never_excludes_a_planted_solution() -> None:
@@ -127,9 +149,7 @@ def test_checker_never_excludes_a_planted_solution() -> None:
             "inflation": np.array([1e-4, 1e-3]),
             "clearance": np.array([0.0]),
         }
-        from workcell.ik.branch.checker.check import _walk
-
-        assert _walk(problem, data, 3.0) is not None
+        assert "a leaf can't be proved" in str(check_tree(problem, data, 3.0))
 
 
 def test_kinematics_of_checker_agree_with_the_judge() -> None:
@@ -145,8 +165,6 @@ def test_kinematics_of_checker_agree_with_the_judge() -> None:
 def test_wider_tolerances_need_a_wider_proof() -> None:
     problem, certificate = proof()
     wide = dataclasses.replace(problem, tolerances=Tolerances(position=1e-3, rotation=1e-2))
-    from workcell.ik.certificate import problem_hash
-
     claim = dataclasses.replace(certificate, problem_hash=problem_hash(wide))
     assert "are needed" in str(check_branch(wide, claim))
     certificate = solve_branch(wide, BUDGET).certificate
@@ -179,7 +197,12 @@ def test_large_trees_are_read_in_bounded_memory_and_larger_ones_refused(
     large = changed(certificate, **full_tree(16))
     assert len(large.data["tree"]) == 2**17 - 1
     assert check_branch(far, large) is None
-    assert check_branch(far, changed(large, tree=np.append(large.data["tree"][:-1], 0.0))) is not None
+    unfinished = changed(large, tree=np.append(large.data["tree"][:-1], 0.0))
+    assert "don't fit together" in str(check_branch(far, unfinished))
+    early = changed(large, tree=np.array([-1.0, 0.0, -1.0]), splits=np.zeros(1))
+    assert check_branch(far, early) == "the tree goes on after its last leaf (node 1 of 3)"
+    deep = changed(large, tree=np.array([0.0] * 500 + [-1.0] * 501), splits=np.zeros(500))
+    assert "the tree is too deep" in str(check_branch(far, deep))
     monkeypatch.setattr("workcell.ik.branch.checker.check.MOST_NODES", 1000)
     assert "at most 1000 are read" in str(check_branch(far, large))
 

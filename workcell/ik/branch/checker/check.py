@@ -69,7 +69,7 @@ def check_branch(problem: IKProblem, certificate: Certificate) -> str | None:
     length = longest(problem)
     if length > LONGEST:
         return f"the robot or its surroundings reach {length:.3g} m; the checker's rounding is proved up to {LONGEST:g}"
-    return _walk(problem, data, length)
+    return check_tree(problem, data, length)
 
 
 def obstacles_used(certificate: Certificate) -> list[int]:
@@ -139,18 +139,18 @@ def _check_claim(problem: IKProblem, certificate: Certificate) -> str | None:
     margin = allowed.safety_margin
     if not margin <= data["clearance"][0] <= margin + MOST_OVERLAP:
         return f"the proof is about a clearance of {data['clearance'][0]:g} m, the problem about {margin:g} m"
-    if certificate.scope != _scope(problem, data["blocked"].shape[1] > 0):
+    if certificate.scope != scope_of(problem, data["blocked"].shape[1] > 0):
         return f"the proof's scope is not {certificate.scope!r}"
     if certificate.statement != statement(data):
         return "the statement is not what the proof shows"
     return None
 
 
-def _scope(problem: IKProblem, obstacles_used: bool) -> str:
-    """What such a proof is about.
+def scope_of(problem: IKProblem, obstacles_used: bool) -> str:
+    """What a proof by branch and bound is about.
 
-    The rule of `workcell.ik.certificate.proof_scope`, said again: the checker takes nothing on trust from
-    those who issue proofs.
+    The rule of `workcell.ik.certificate.proof_scope`, said again: the checker takes nothing on trust from those who
+    issue proofs.
     """
     if not obstacles_used:
         return "kinematics"
@@ -184,7 +184,16 @@ def _check_pairs(problem: IKProblem, data: Mapping[str, Array]) -> str | None:
     return None
 
 
-def _walk(problem: IKProblem, data: Mapping[str, Array], length: float) -> str | None:
+def check_tree(problem: IKProblem, data: Mapping[str, Array], length: float) -> str | None:
+    """None when a proof's tree excludes every configuration of its root box, else why it doesn't.
+
+    Nothing else of the proof is looked at: neither whether the root box holds all configurations, nor the claim.
+
+    Args:
+        problem: what the proof is about.
+        data: `tree`, `splits`, `blocked`, `root`, `inflation` and `clearance` of a proof, well formed.
+        length: metres, no less than the robot and its surroundings reach: sets the slack for rounding.
+    """
     from workcell.ik.branch.checker.closure import new_box
     from workcell.ik.branch.checker.setup import proof_robot, proof_scene
     from workcell.ik.branch.checker.walk import walk

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
 
 from workcell.geometry.types import obstacle_name
+from workcell.ik.certificate import problem_hash
 from workcell.ik.check import check_certificate
 from workcell.ik.explain.why_not import explain
 from workcell.ik.result import Status
@@ -85,7 +88,12 @@ def test_a_blocked_target_is_blocked_in_reality_and_says_why(world: PlanningWorl
     assert result.certificate is not None
     assert check_certificate(problem, result.certificate) is None
     elsewhere = world.problem(Pose.from_xyz([0.7, 0.01, 0.5]))
-    assert check_certificate(elsewhere, result.certificate) is not None
+    assert check_certificate(elsewhere, result.certificate) == "the certificate belongs to another problem"
+    open_ = world.relaxed(problem, ["block"])
+    claimed = replace(result.certificate, problem_hash=problem_hash(open_.inside()))
+    assert "no sphere of the last link must penetrate" in str(check_certificate(open_, claimed))
+    claimed = replace(result.certificate, problem_hash=problem_hash(problem))
+    assert "claims too much: spheres prove it of 'model'" in str(check_certificate(problem, claimed))
     why = explain(problem, result)
     assert [cause.name for cause in why.causes] == ["block"]
     assert why.solution is not None

@@ -86,10 +86,14 @@ def test_every_sphere_shrunk_by_a_millimetre_is_caught_where_it_matters():
     piece = Piece("can", "cylinder", Pose.identity(), np.array([0.06, 0.12]))
     centres, radii, _ = cover_pieces([piece], OVERSHOOT)
     points = points_inside(rng, piece, 100_000)
+    matters = 0
     for index in range(len(radii)):
         smaller = np.where(np.arange(len(radii)) == index, radii - 1e-3, radii)
         if largest_gap(points, centres, smaller) > 0:
-            assert prove_cover([piece], centres, smaller) is not None
+            cell = prove_cover([piece], centres, smaller)
+            assert cell is not None and cell.piece == "can"
+            matters += 1
+    assert matters == len(radii)
 
 
 def test_exact_covers_without_slack_are_accepted():

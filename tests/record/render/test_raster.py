@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from workcell.pose import Pose
 from workcell.record.render.raster import Camera, Surface, rasterise
 from workcell.record.render.shade import Light, Line, blend, draw_line, halve, shade
-from workcell.record.render.tessellate import Triangles, tessellate
+from workcell.record.render.tessellate import Triangles, balls, tessellate
 from workcell.record.shapes import Shape
 
 WHITE = np.ones(4)
@@ -175,3 +175,29 @@ def test_translucent_things_let_through_what_is_behind_and_are_hidden_by_what_is
     hidden = blend(picture, wall, LEVEL, [surface("ellipsoid", [0.3] * 3, [1, 0, 0], rgba=blue)])
     assert before[80, 100, 2] > before[80, 100, 0] > 0.1
     assert np.array_equal(hidden, picture)
+
+
+def test_balls_are_closed_face_outwards_and_touch_their_spheres_from_inside() -> None:
+    centres, radii = np.array([[0.0, 0.1, 0.2], [2.0, 0.0, 0.0]]), np.array([0.5, 0.2])
+    mesh = balls(centres, radii)
+    owner = np.repeat([0, 1], len(mesh.vertices) // 2)
+    assert np.linalg.norm(mesh.vertices - centres[owner], axis=1) == pytest.approx(radii[owner])
+    assert mesh.normals == pytest.approx((mesh.vertices - centres[owner]) / radii[owner, None])
+    corners = mesh.vertices[mesh.faces]
+    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert np.all(np.einsum("ti,ti->t", flat, mesh.normals[mesh.faces].mean(axis=1)) > 0)
+    assert flat.sum(axis=0) == pytest.approx(np.zeros(3), abs=1e-12)
+    volume = np.einsum("ti,ti->t", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6.0
+    assert volume == pytest.approx(4 / 3 * np.pi * (radii**3).sum(), rel=0.1)
+
+
+@pytest.mark.parametrize("extent", [None, 3.0])
+@pytest.mark.parametrize(("x", "strength"), [(-0.5, 1.0), (-0.49, 1.0), (0.5, 0.3)])
+def test_lines_on_a_surface_are_seen_and_those_behind_it_shine_through(
+    extent: float | None, x: float, strength: float
+) -> None:
+    camera = Camera(np.array([-4.0, 0.0, 0.0]), np.zeros(3), 200, 160, extent=extent)
+    buffers = rasterise([surface("box", [0.5, 1.0, 1.0], [0, 0, 0])], camera)
+    black = np.zeros((160, 200, 3))
+    line = Line(np.array([[x, -0.3, 0.0], [x, 0.3, 0.0]]), (1.0, 1.0, 1.0), 1.0, 0.3)
+    assert draw_line(black, buffers, camera, line)[80, 100] == pytest.approx(strength)

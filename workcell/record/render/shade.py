@@ -16,6 +16,8 @@ _LIGHT = np.array([-0.45, -0.35, 0.82]) / np.linalg.norm([-0.45, -0.35, 0.82])
 _OUTLINE = 0.42
 _SHADOW_PIXELS = 1024
 _SHADOW_BIAS = 0.008
+_ON_SURFACE = 0.01
+"""Share of its depth by which a line may lie behind a surface and still be on it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +155,8 @@ def draw_line(picture: Array, opaque: Buffers, camera: Camera, line: Line) -> Ar
     nearest = np.full(len(pixels), -np.inf)
     np.maximum.at(nearest, where, near[inside])
     touched = np.unravel_index(pixels, opaque.nearness.shape)
-    shown = nearest >= opaque.nearness[touched] * (1 - 0.01)
+    hides = opaque.nearness[touched]
+    shown = nearest >= hides * (1 - _ON_SURFACE * np.sign(hides))
     alpha = np.where(shown, 1.0, line.hidden_alpha)[:, None]
     result = picture.copy()
     result[touched] = (1 - alpha) * result[touched] + alpha * np.array(line.rgb)

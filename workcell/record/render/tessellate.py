@@ -89,6 +89,35 @@ def unit_sphere() -> Triangles:
     return _revolved(np.concatenate([ring, ring], axis=1))
 
 
+def balls(centres: Array, radii: Array) -> Triangles:
+    """Spheres (k, 3), (k,) as one mesh, coarse enough for thousands of them."""
+    ball = _coarse_sphere()
+    corners = len(ball.vertices)
+    vertices = radii[:, None, None] * ball.vertices + centres[:, None]
+    faces = ball.faces + corners * np.arange(len(centres))[:, None, None]
+    normals = np.tile(ball.normals, (len(centres), 1))
+    return Triangles(vertices.reshape(-1, 3), normals, faces.reshape(-1, 3))
+
+
+@lru_cache(maxsize=1)
+def _coarse_sphere() -> Triangles:
+    """A sphere of radius 1 about the origin: an octahedron with every side halved twice."""
+    corners = np.concatenate([np.eye(3), -np.eye(3)])
+    signs = [(x, y, z) for x in (0, 3) for y in (1, 4) for z in (2, 5)]
+    faces = np.array([side if (np.array(side) >= 3).sum() % 2 == 0 else side[::-1] for side in signs])
+    triangles = corners[faces]
+    for _ in range(2):
+        a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+        ab, bc, ca = (
+            middle / np.linalg.norm(middle, axis=1, keepdims=True) for middle in (a + b, b + c, c + a)
+        )
+        quarters = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+        triangles = np.concatenate([np.stack(quarter, axis=1) for quarter in quarters])
+    points, index = np.unique(triangles.reshape(-1, 3).round(12), axis=0, return_inverse=True)
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    return Triangles(points, points, index.reshape(-1, 3))
+
+
 def _ellipsoid(axes: Array) -> Triangles:
     sphere = unit_sphere()
     normals = sphere.normals / axes

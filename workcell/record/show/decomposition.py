@@ -2,27 +2,70 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from workcell.errors import OutputError
 from workcell.geometry.decompose import Decomposition
 from workcell.geometry.free_space.polytopes import solid_of
-from workcell.geometry.polytope import polytope_of
+from workcell.geometry.polytope import Polytope, polytope_of
 from workcell.geometry.types import Piece
-from workcell.pose import Array
+from workcell.pose import Array, Pose
+from workcell.record.read.stage import Stage, Thing
+from workcell.record.render.raster import Camera
+from workcell.record.render.shade import Line
+from workcell.record.render.tessellate import balls, tessellate
+from workcell.record.shapes import Shape, piece_shape, polytope_shape
+from workcell.record.show.planner_view import COLOURS, box_edges
+from workcell.record.show.studio import Studio
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_VIEWS = (("from the side", 0, 2, 1.0), ("from above", 0, 1, 1.0))
-"""Title, horizontal and vertical world axis, and the sign of the missing axis that points at the viewer."""
+_ROBOT, _OBSTACLE = (0.82, 0.38, 0.04, 1.0), (0.36, 0.42, 0.48, 0.45)
+_ROBOT_SPHERE, _OBSTACLE_SPHERE = (0.20, 0.60, 0.85, 0.35), (0.36, 0.42, 0.48, 0.25)
+_CUBOID, _POLYTOPE = (0.25, 0.65, 0.35, 0.14), (0.69, 0.16, 0.42, 0.14)
+_EDGE_RGB = (0.2, 0.2, 0.2)
+_DPI, _PANEL_PX = 100, 500
+_HEAD_PX, _ABOVE_PX, _BELOW_PX, _LEFT_PX, _RIGHT_PX = 62, 28, 50, 84, 16
+"""Pixels left for the headline, for titles above panels, and for their scales below and on the left."""
 
-_ROBOT, _OBSTACLE, _POLYTOPE = "#d1600a", "#5b6b7a", "#b02a6b"
+
+@dataclass(frozen=True, slots=True)
+class _Panel:
+    """What one column shows: things of some kinds, and lines."""
+
+    title: str
+    kinds: tuple[str, ...]
+    lines: tuple[Line, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _View:
+    """A side to look from, `away` from what is seen; two world axes run across and up the picture."""
+
+    title: str
+    across: int
+    up: int
+    away: tuple[float, float, float]
+
+    def camera(self, window: Array, scale: float) -> Camera:
+        """A parallel camera over a window (2, 3), `scale` pixels a metre."""
+        size, middle = window[1] - window[0], window.mean(axis=0)
+        width, height = (round(scale * size[axis]) for axis in (self.across, self.up))
+        position = middle + 2.0 * float(np.linalg.norm(size)) * np.array(self.away)
+        return Camera(position, middle, width, height, extent=height / scale)
+
+
+_VIEWS = (
+    _View("from the side", 0, 2, (0.0, -1.0, 0.0)),
+    _View("from above", 0, 1, (0.0, 0.0, 1.0)),
+)
 
 
 def draw_decomposition(decomposition: Decomposition, path: str | Path) -> None:
@@ -40,126 +83,139 @@ def draw_decomposition(decomposition: Decomposition, path: str | Path) -> None:
 
 def decomposition_figure(decomposition: Decomposition) -> Figure:
     """Six panels: geometry, spheres and free space (columns), each seen from the side and from above (rows)."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(16.5, 10.5), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(len(_VIEWS), 3)
     window = _window(decomposition)
-    for row, (side, across, up, sign) in enumerate(_VIEWS):
-        for column, panel in enumerate((_draw_geometry, _draw_spheres, _draw_cuboids)):
-            title = panel(axes[row, column], decomposition, across, up, sign)
-            _frame(axes[row, column], f"{title}, {side}", window, across, up)
-    metrics = decomposition.metrics
-    figure.suptitle(
-        f"{decomposition.scene}: {metrics['robot_spheres']} spheres on the arm, {metrics['base_spheres']} on its base, "
-        f"{metrics['obstacle_spheres']} on obstacles "
-        f"(at most {1e3 * metrics['robot_overshoot_max_m']:.0f} mm outside); "
+    size = window[1] - window[0]
+    scale = _PANEL_PX / float(size.max())
+    stage = Stage(_things(decomposition, window), {}, {}, {}, {}, {})
+    page = _Page.of([round(scale * size[axis]) for axis in (0, 2, 1)])
+    page.figure.suptitle(_headline(decomposition), fontsize=11)
+    for row, view in enumerate(_VIEWS):
+        studio = Studio(stage, view.camera(window, scale), smooth=False)
+        for column, panel in enumerate(_panels(decomposition, view)):
+            axes = page.panel(row, column, studio.width, studio.height)
+            axes.imshow(
+                studio.picture(0.0, panel.kinds, lines=panel.lines),
+                extent=(*window[:, view.across], *window[:, view.up]),
+            )
+            axes.set_title(f"{panel.title}, {view.title}", fontsize=11)
+            axes.set_xlabel(f"{'xyz'[view.across]} in metres")
+            axes.set_ylabel(f"{'xyz'[view.up]} in metres")
+    return page.figure
+
+
+def _headline(d: Decomposition) -> str:
+    metrics, outside = d.metrics, 1e3 * d.metrics["robot_overshoot_max_m"]
+    return (
+        f"{d.scene}: {metrics['robot_spheres']} spheres on the arm, {metrics['base_spheres']} on its base, "
+        f"{metrics['obstacle_spheres']} on obstacles (at most {outside:.0f} mm outside);\n"
         f"{metrics['cuboids']} cuboids and {metrics['polytopes']} polytopes "
-        f"that hold {100 * metrics['covered_fraction']:.1f} % of the free workspace",
-        fontsize=14,
+        f"that hold {100 * metrics['covered_fraction']:.1f} % of the free workspace"
     )
-    return figure
 
 
-def _draw_geometry(axes: Axes, d: Decomposition, across: int, up: int, sign: float) -> str:
-    _draw_outlines(axes, d.obstacles, across, up, sign, face=_OBSTACLE, alpha=0.45)
-    _draw_outlines(axes, d.robot_pieces, across, up, sign, face=_ROBOT, alpha=0.55)
-    return "Geometry"
+@dataclass(frozen=True, slots=True)
+class _Page:
+    """A page whose panels are as large as their pictures, pixel for pixel."""
+
+    figure: Figure
+    width: int
+    heights: tuple[int, int]
+
+    @staticmethod
+    def of(sizes: Sequence[int]) -> _Page:
+        """For pictures `sizes[0]` pixels wide, `sizes[1]` high in the upper row and `sizes[2]` in the lower one."""
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        width, *heights = sizes
+        page = 3 * (_LEFT_PX + width) + _RIGHT_PX, _HEAD_PX + sum(heights) + 2 * (_ABOVE_PX + _BELOW_PX)
+        figure = Figure(figsize=(page[0] / _DPI, page[1] / _DPI), dpi=_DPI)
+        FigureCanvasAgg(figure)
+        return _Page(figure, width, (heights[0], heights[1]))
+
+    def panel(self, row: int, column: int, width: int, height: int) -> Axes:
+        """Axes for a picture."""
+        page_width, page_height = _DPI * self.figure.get_size_inches()
+        left = _LEFT_PX + column * (_LEFT_PX + self.width)
+        bottom = _BELOW_PX if row == 1 else self.heights[1] + _ABOVE_PX + 2 * _BELOW_PX
+        return self.figure.add_axes(
+            (left / page_width, bottom / page_height, width / page_width, height / page_height)
+        )
 
 
-def _draw_spheres(axes: Axes, d: Decomposition, across: int, up: int, sign: float) -> str:
-    near = _visible(d.obstacle_cover.centre, d)
-    _draw_balls(
-        axes, d.obstacle_cover.centre[near], d.obstacle_cover.radius[near], across, up, _OBSTACLE, 0.06
+def _panels(d: Decomposition, view: _View) -> tuple[_Panel, ...]:
+    free = d.free_space
+    # obstacles are one see-through layer, in which only the nearest shows: outlines show those inside and behind
+    outlines = tuple(Line(_outline(piece, view), _EDGE_RGB, 0.5, 0.15) for piece in _bounded(d))
+    cuboids = [
+        Line(_joined(box_edges(low, high)), COLOURS[number % len(COLOURS)], 1.0, 0.45)
+        for number, (low, high) in enumerate(zip(free.lower, free.upper, strict=True))
+    ]
+    polytopes = [Line(_joined(_edges(solid_of(p))), _POLYTOPE[:3], 0.5, 0.45) for p in free.polytopes]
+    return (
+        _Panel("Geometry", ("walls",), outlines),
+        _Panel("Spheres", ("spheres", "obstacle_spheres"), ()),
+        _Panel("Free space", ("walls", "free_space"), (*outlines, *polytopes, *cuboids)),
     )
+
+
+def _things(d: Decomposition, window: Array) -> list[Thing]:
+    """The robot, and what is laid over it where a panel shows it, one see-through layer a kind and owner."""
     centres, radii = d.robot_spheres()
-    for part, alpha in ((d.robot_cover.link == 0, 0.03), (d.robot_cover.link > 0, 0.3)):
-        _draw_balls(axes, centres[part], radii[part], across, up, _ROBOT, alpha)
-    _draw_outlines(axes, d.robot_pieces, across, up, sign, face="none", alpha=0.9)
-    return "Spheres"
+    cover, fixed = d.obstacle_cover, d.robot_cover.link == 0
+    near = np.all((cover.centre > window[0] - 0.2) & (cover.centre < window[1] + 0.2), axis=1)
+    cuboids = zip(d.free_space.lower, d.free_space.upper, strict=True)
+    spheres = [
+        ("spheres", "arm", centres[~fixed], radii[~fixed], _ROBOT_SPHERE),
+        ("spheres", "base", centres[fixed], radii[fixed], _ROBOT_SPHERE),
+        ("obstacle_spheres", "all", cover.centre[near], cover.radius[near], _OBSTACLE_SPHERE),
+    ]
+    return [
+        *(_solids("robots", piece.name, [piece_shape(piece, np.array(_ROBOT))]) for piece in d.robot_pieces),
+        _solids("walls", "all", [piece_shape(piece, np.array(_OBSTACLE)) for piece in _bounded(d)]),
+        *(
+            Thing(f"{kind}/{owner}", kind, owner, ((balls(c, r), np.array(rgba)),))
+            for kind, owner, c, r, rgba in spheres
+        ),
+        _solids("free_space", "cuboids", [_cuboid(low, high) for low, high in cuboids]),
+        _solids(
+            "free_space",
+            "polytopes",
+            [polytope_shape(p, np.array(_POLYTOPE)) for p in d.free_space.polytopes],
+        ),
+    ]
 
 
-def _draw_cuboids(axes: Axes, d: Decomposition, across: int, up: int, sign: float) -> str:
-    from matplotlib.patches import Polygon, Rectangle
+def _solids(kind: str, owner: str, shapes: Iterable[Shape]) -> Thing:
+    return Thing(f"{kind}/{owner}", kind, owner, tuple((tessellate(shape), shape.rgba) for shape in shapes))
+
+
+def _cuboid(low: Array, high: Array) -> Shape:
+    return Shape("", "box", (high - low) / 2, Pose.from_xyz((low + high) / 2), np.array(_CUBOID))
+
+
+def _bounded(d: Decomposition) -> list[Piece]:
+    """The obstacles, half-spaces left out."""
+    return [piece for piece in d.obstacles if piece.kind != "halfspace"]
+
+
+def _outline(piece: Piece, view: _View) -> Array:
+    """Corners (k, 3) around a piece as a view sees it, the first again at the end."""
     from scipy.spatial import ConvexHull
 
-    _draw_outlines(axes, d.obstacles, across, up, sign, face=_OBSTACLE, alpha=0.35)
-    for number, (low, high) in enumerate(zip(d.free_space.lower, d.free_space.upper, strict=True)):
-        size = high - low
-        colour = _shade(number, len(d.free_space))
-        axes.add_patch(
-            Rectangle(
-                (low[across], low[up]), size[across], size[up], facecolor=colour, edgecolor=colour, alpha=0.16
-            )
-        )
-        axes.add_patch(
-            Rectangle(
-                (low[across], low[up]), size[across], size[up], fill=False, edgecolor=colour, linewidth=1.8
-            )
-        )
-    for polytope in d.free_space.polytopes:
-        flat = solid_of(polytope).vertices[:, [across, up]]
-        outline = flat[ConvexHull(flat).vertices]
-        axes.add_patch(Polygon(outline, facecolor=_POLYTOPE, edgecolor=_POLYTOPE, alpha=0.16))
-        axes.add_patch(Polygon(outline, fill=False, edgecolor=_POLYTOPE, linewidth=1.8))
-    _draw_outlines(axes, d.robot_pieces, across, up, sign, face=_ROBOT, alpha=0.5)
-    return "Free space"
+    corners = polytope_of(piece).vertices
+    around: Array = corners[ConvexHull(corners[:, [view.across, view.up]]).vertices]
+    return np.concatenate([around, around[:1]])
 
 
-def _draw_outlines(
-    axes: Axes, pieces: Sequence[Piece], across: int, up: int, sign: float, *, face: str, alpha: float
-) -> None:
-    """Silhouettes of pieces, the farther ones first; half-spaces are left out."""
-    from matplotlib.collections import PolyCollection
-    from scipy.spatial import ConvexHull
-
-    depth_axis = 3 - across - up
-    drawn = []
-    for piece in pieces:
-        if piece.kind == "halfspace":
-            continue
-        corners = polytope_of(piece).vertices
-        flat = corners[:, [across, up]]
-        drawn.append((sign * corners[:, depth_axis].max(), flat[ConvexHull(flat).vertices]))
-    drawn.sort(key=lambda item: item[0])
-    edge = "#333333" if face != "none" else _ROBOT
-    axes.add_collection(
-        PolyCollection(
-            [shape for _, shape in drawn], facecolor=face, edgecolor=edge, linewidth=0.5, alpha=alpha
-        )
-    )
+def _edges(solid: Polytope) -> list[Array]:
+    return list(solid.vertices[solid.edges])
 
 
-def _draw_balls(
-    axes: Axes, centres: Array, radii: Array, across: int, up: int, colour: str, alpha: float
-) -> None:
-    from matplotlib.collections import EllipseCollection
-
-    axes.add_collection(
-        EllipseCollection(
-            2 * radii,
-            2 * radii,
-            np.zeros(len(radii)),
-            units="xy",
-            offsets=centres[:, [across, up]],
-            offset_transform=axes.transData,
-            facecolor=colour,
-            edgecolor=colour,
-            linewidth=0.4,
-            alpha=alpha,
-        )
-    )
-
-
-def _frame(axes: Axes, title: str, window: Array, across: int, up: int) -> None:
-    axes.set_xlim(window[0, across], window[1, across])
-    axes.set_ylim(window[0, up], window[1, up])
-    axes.set_aspect("equal")
-    axes.set_title(title)
-    axes.set_xlabel(f"{'xyz'[across]} in metres")
-    axes.set_ylabel(f"{'xyz'[up]} in metres")
+def _joined(edges: Iterable[Array]) -> Array:
+    """Points (k, 3) of one line that is interrupted between edges: drawn at once, which is much quicker."""
+    gap = np.full((1, 3), np.nan)
+    return np.concatenate([part for edge in edges for part in (edge, gap)])
 
 
 def _window(d: Decomposition) -> Array:
@@ -168,23 +224,9 @@ def _window(d: Decomposition) -> Array:
     low, high = (centres - radii[:, None]).min(axis=0), (centres + radii[:, None]).max(axis=0)
     reach = d.robot.reach()
     origin = d.robot.T_world_base.position
-    for piece in d.obstacles:
-        if piece.kind == "halfspace":
-            continue
+    for piece in _bounded(d):
         corners = polytope_of(piece).vertices
         if np.linalg.norm(np.ptp(corners, axis=0)) < 3 * reach:
             low = np.minimum(low, np.maximum(corners.min(axis=0), origin - 1.6 * reach))
             high = np.maximum(high, np.minimum(corners.max(axis=0), origin + 1.6 * reach))
     return np.array([low - 0.12, high + 0.12])
-
-
-def _visible(centres: Array, d: Decomposition) -> Any:
-    window = _window(d)
-    return np.all((centres > window[0] - 0.2) & (centres < window[1] + 0.2), axis=1)
-
-
-def _shade(number: int, count: int) -> tuple[float, float, float, float]:
-    from matplotlib import colormaps
-
-    shade: tuple[float, float, float, float] = colormaps["viridis"](0.1 + 0.8 * number / max(count - 1, 1))
-    return shade

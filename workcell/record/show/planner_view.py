@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from workcell.record.read.review import Review
 
 _VIEW, _TILE, _COLUMNS, _MOMENTS = (800, 600), (640, 480), 2, 4
-_COLOURS = (
+COLOURS = (
     (0.84, 0.15, 0.16),
     (0.58, 0.40, 0.74),
     (0.00, 0.58, 0.62),
@@ -31,6 +31,7 @@ _COLOURS = (
     (0.50, 0.50, 0.05),
     (0.20, 0.20, 0.20),
 )
+"""Of the cuboids, in the order of their numbers."""
 _UNUSED_RGB = (0.25, 0.65, 0.35)
 _BADGE_PX = 18
 _EDGE_POINTS = 17
@@ -116,7 +117,7 @@ def _used_tile(
         number = int(thing.owner) if thing.owner.isdigit() else -1
         edges, low, high = _outline(thing)
         if number in used:
-            lines += [Line(edge, _COLOURS[number % len(_COLOURS)], 2.2, 0.45) for edge in edges]
+            lines += [Line(edge, COLOURS[number % len(COLOURS)], 2.2, 0.45) for edge in edges]
             spot = _spot(studio, low, high)
             while spot is not None and any(np.abs(spot - other).max() < _BADGE_PX for _, other in badges):
                 spot = spot + np.array([_BADGE_PX, 0.0])
@@ -125,7 +126,7 @@ def _used_tile(
             lines += [Line(edge, _UNUSED_RGB, 0.6, 0.12) for edge in edges]
     sheet.tile(studio.picture(time, ("spheres", "obstacle_spheres"), lines=lines), corner)
     for number, spot in badges:
-        sheet.badge(str(number), spot, corner, _COLOURS[number % len(_COLOURS)])
+        sheet.badge(str(number), spot, corner, COLOURS[number % len(COLOURS)])
 
 
 def _caption(review: Review, sheet: Sheet, place: tuple[float, float], moment: str, time: float) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,7 +28,7 @@ class Studio:
     def __init__(self, stage: Stage, camera: Camera, smooth: bool = True) -> None:
         self.stage, self._scale = stage, 2 if smooth else 1
         width, height = self._scale * camera.width, self._scale * camera.height
-        self.camera = Camera(camera.position, camera.target, width, height, camera.fov_deg)
+        self.camera = replace(camera, width=width, height=height)
         still, self._glass = _split(stage.surfaces(0.0, _SOLID, moving=False))
         self._still: Buffers = rasterise(still, self.camera)
         self._light = Light.over(*_ball(stage), still)

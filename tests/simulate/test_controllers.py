@@ -1,5 +1,6 @@
 """Both controllers track, keep their limits and stop with a reason; imperfections are seeded and bounded."""
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -45,8 +46,8 @@ def test_a_payload_misjudged_by_a_tenth_is_tracked_within_three_millimetres(scen
         simulation = Simulation(
             scene, controller=controller, imperfections=Imperfections(payload_error=payload_error)
         )
-        simulation._data.qpos[scene.object("brick").qpos_address + 2] += 0.3  # it hangs in the air, rigidly
-        simulation._mujoco.mj_forward(simulation._model, simulation._data)
+        simulation.data.qpos[scene.object("brick").qpos_address + 2] += 0.3  # it hangs in the air, rigidly
+        mujoco.mj_forward(simulation.model, simulation.data)
         assert simulation.attach("brick") and simulation.hold(0.05)
         assert simulation.execute(quintic("sawyer", start, start + 0.2 * SWING, 1.0))
         errors.append(simulation.result().max_tracking_error_m)

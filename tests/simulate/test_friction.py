@@ -1,5 +1,6 @@
 """Holding by the fingers' contact forces alone: nothing is welded, and what slips is noticed and named."""
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -23,7 +24,7 @@ def lifted(scene, pads=1.0):
     held = simulation.grasp("brick", hold="friction")
     for geom in range(scene.model.ngeom):
         if "pad" in scene.model.geom(geom).name:
-            simulation._model.geom_friction[geom] *= pads
+            simulation.model.geom_friction[geom] *= pads
     start = scene.robot().start
     # the shoulder goes back
     simulation.execute(quintic("sawyer", start, start - 0.12 * np.eye(7)[1], 0.6))
@@ -34,7 +35,7 @@ def test_friction_holds_the_brick(at_the_brick):
     simulation, held = lifted(at_the_brick)
     assert held and simulation.stop is None
     assert simulation.object_pose("brick").position[2] > 0.03
-    assert not simulation._data.eq_active[simulation._model.equality("grasp:sawyer:brick").id]
+    assert not simulation.data.eq_active[simulation.model.equality("grasp:sawyer:brick").id]
     simulation.hold(0.5)
     assert 0.0 < simulation.slip() < 1e-3 and simulation.held == "brick"
 
@@ -53,11 +54,11 @@ def test_an_object_that_only_turns_in_the_hand_slips_too(at_the_brick):
     assert simulation.grasp("brick", hold="friction")
     before = simulation.slip()
     address = at_the_brick.object("brick").qpos_address
-    turned = Pose(np.zeros(3), simulation._data.qpos[address + 3 : address + 7]) @ Pose(
+    turned = Pose(np.zeros(3), simulation.data.qpos[address + 3 : address + 7]) @ Pose(
         np.zeros(3), np.array([np.cos(0.05), np.sin(0.05), 0.0, 0.0])
     )
-    simulation._data.qpos[address + 3 : address + 7] = turned.quat_wxyz
-    simulation._mujoco.mj_forward(simulation._model, simulation._data)
+    simulation.data.qpos[address + 3 : address + 7] = turned.quat_wxyz
+    mujoco.mj_forward(simulation.model, simulation.data)
     # a box of half sizes 0.03, 0.03, 0.04 that stands on its origin: its top edges are farthest from the x axis
     assert simulation.slip() == pytest.approx(2 * np.sin(0.05) * np.hypot(0.03, 0.08), abs=2 * before + 1e-6)
 

@@ -234,7 +234,7 @@ def test_a_motion_beyond_the_effort_limits_stops_by_tracking(scene):
 def test_instability_is_reported_without_a_log_file(scene, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     sim = Simulation(scene)
-    sim._data.qvel[:] = 1e200
+    sim.data.qvel[:] = 1e200
     assert not sim.hold(0.1)
     assert sim.stop.reason is StopReason.UNSTABLE
     assert not list(tmp_path.iterdir())
@@ -254,7 +254,7 @@ def test_two_runs_are_identical(scene):
 
 def test_the_scene_is_left_as_it_was(scene, picking):
     weld = scene.model.equality("grasp:sawyer:brick").id
-    assert not np.array_equal(scene.model.eq_data[weld], picking[0]._model.eq_data[weld])
+    assert not np.array_equal(scene.model.eq_data[weld], picking[0].model.eq_data[weld])
     fresh = Simulation(scene)
     assert fresh.T_tool_object is None
     assert np.array_equal(fresh.qpos, scene.initial_qpos())

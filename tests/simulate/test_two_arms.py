@@ -67,12 +67,12 @@ def test_what_two_hands_hold_in_the_air_weighs_what_it_weighs(scene):
     assert simulation.attach("crate", "left") and simulation.attach("crate", "right")
     assert simulation.hold(0.8)
     held = [simulation.holding(name).weld for name in ("left", "right")]
-    total = sum(weld_force(simulation._data, weld) for weld in held)
+    total = sum(weld_force(simulation.data, weld) for weld in held)
     mass = scene.model.body_subtreemass[scene.object("crate").body_id]
     assert total == pytest.approx([0, 0, 9.81 * mass], abs=0.02)
-    left, right = (constraint_force(simulation._model, simulation._data, weld) for weld in held)
+    left, right = (constraint_force(simulation.model, simulation.data, weld) for weld in held)
     strain = np.linalg.norm(left - right) / 2
-    assert internal_force(simulation._data, held) == pytest.approx(strain, rel=1e-9)
+    assert internal_force(simulation.data, held) == pytest.approx(strain, rel=1e-9)
     assert strain < 1.0
     result = simulation.result()
     assert result.internal_force[-1] == pytest.approx(strain, abs=0.2)

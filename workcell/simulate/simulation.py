@@ -39,6 +39,7 @@ class Simulation(Stepper):
 
     Attributes:
         arms: the robots in motion, by name.
+        model, data: MuJoCo's own, for what no method tells: the copy of the scene's model, and the state now.
         stop: why the run ended early, or None.
 
     Raises:
@@ -55,7 +56,7 @@ class Simulation(Stepper):
     @property
     def q(self) -> Array:
         """(n,) its joints now."""
-        return np.array(self._data.qpos[self.robot.qpos_addresses])
+        return np.array(self.data.qpos[self.robot.qpos_addresses])
 
     @property
     def q_reference(self) -> Array:
@@ -92,12 +93,12 @@ class Simulation(Stepper):
     def object_pose(self, name: str) -> Pose:
         """World pose of an object now; raises UnknownNameError."""
         body = self.scene.object(name).body_id
-        data = self._data
+        data = self.data
         return Pose(data.xpos[body], data.xquat[body])
 
     def tool_pose(self, robot: str | None = None) -> Pose:
         """`T_world_tool` of a robot now."""
-        return self.arm(robot).tool_pose(self._data)
+        return self.arm(robot).tool_pose(self.data)
 
     def touches(self, name: str) -> frozenset[int]:
         """Ids of the geoms, not of the robots, that touch an object now; raises UnknownNameError."""
@@ -169,7 +170,7 @@ class Simulation(Stepper):
         names = self.scene.actuators()
         if actuator not in names:
             raise UnknownNameError("actuator", actuator, names, where=self.scene.path)
-        low, high = self._model.actuator_ctrlrange[names[actuator]]
+        low, high = self.model.actuator_ctrlrange[names[actuator]]
         target = low + checked_share(share, "share") * (high - low)
         return self._move_actuator(names[actuator], target, checked_seconds(seconds))
 
@@ -220,19 +221,17 @@ class Simulation(Stepper):
         """A robot whose hand is free to hold an object; raises as `grasp`."""
         arm = self.arm(robot)
         arm.gripper()
-        Weld.of(self._model, arm.robot, self.scene.object(name))
+        Weld.of(self.model, arm.robot, self.scene.object(name))
         if self.stop is None:
             check_free_hand(arm.name, self._watch.held, hold)
         return arm
 
     def _take(self, arm: Arm, name: str, hold: Hold) -> None:
         thing = self.scene.object(name)
-        weld = Weld.of(self._model, arm.robot, thing)
+        weld = Weld.of(self.model, arm.robot, thing)
         supports = self._watch.touched_by(self._watch.geoms_of(name))
-        T_hand_object = (
-            weld.close(self._model, self._data) if hold == "weld" else weld.relative_pose(self._data)
-        )
-        T_tool_object = arm.tool_pose(self._data).inverse() @ self.object_pose(name)
+        T_hand_object = weld.close(self.model, self.data) if hold == "weld" else weld.relative_pose(self.data)
+        T_tool_object = arm.tool_pose(self.data).inverse() @ self.object_pose(name)
         self._watch.take(arm.name, Held(thing, weld, T_hand_object, T_tool_object, supports, hold))
         self._share_load(name)
 
@@ -241,7 +240,7 @@ class Simulation(Stepper):
         hands = [(robot, held) for robot, held in self._watch.held.items() if held.thing.name == name]
         for robot, held in hands:
             model = self.arms[robot].controller.arm
-            model.carry(held.weld.hand_body, held.thing.body_ids, self._data, 1.0 / len(hands))
+            model.carry(held.weld.hand_body, held.thing.body_ids, self.data, 1.0 / len(hands))
 
     def expect_contact(self, name: str, body: str) -> None:
         """Contact between an object and a body of the scene is intended from now on, e.g. to put it down there.
@@ -265,7 +264,7 @@ class Simulation(Stepper):
             return False
         if held is None:
             raise InputError("the hand holds nothing", where="release")
-        held.weld.release(self._data)
+        held.weld.release(self.data)
         self._watch.let_go(arm.name)
         self.log(f"{self._whose(arm)}released the {held.thing.name}")
         return self._open(arm, held, opening)
@@ -277,14 +276,14 @@ class Simulation(Stepper):
         target = hand.closed + opening * (hand.open - hand.closed)
         carried, still = True, self._still()
         for value in np.linspace(
-            self._data.ctrl[hand.actuator], target, self._steps(self.settings.close_s) + 1
+            self.data.ctrl[hand.actuator], target, self._steps(self.settings.close_s) + 1
         )[1:]:
             stands = bool(self._watch.touched_by(mine)) or not self._watch.touching(fingers, mine)
             if carried and (stands or value == target):
                 carried = False
                 arm.controller.arm.drop(held.weld.hand_body)
                 self._share_load(held.thing.name)
-            self._data.ctrl[hand.actuator] = value
+            self.data.ctrl[hand.actuator] = value
             if not self._run(still, 2):
                 return False
         return True
@@ -296,7 +295,7 @@ class Simulation(Stepper):
             if not self.hold(0.02):
                 return False
             touching = [self._watch.touching(finger, mine) for finger in fingers]
-            if all(touching) and finger_speed(self._data, hand) < _STILL:
+            if all(touching) and finger_speed(self.data, hand) < _STILL:
                 return True
         detail = f"{sum(touching)} of {len(fingers)} fingers touch the object"
         self._stop(StopReason.NO_GRASP, detail)

@@ -67,30 +67,30 @@ class Stepper:
         self.scene = scene
         self._default = robot if robot is None else scene.robot(robot).name
         self.settings = settings or Settings()
-        self._model = copy.copy(scene.model)
-        self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        self._data = mujoco.MjData(self._model)
-        self._data.qpos[:] = scene.initial_qpos()
-        self._pushes = Pushes(self._model, imperfections.pulses if imperfections else ())
+        self.model = copy.copy(scene.model)
+        self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        self.data = mujoco.MjData(self.model)
+        self.data.qpos[:] = scene.initial_qpos()
+        self._pushes = Pushes(self.model, imperfections.pulses if imperfections else ())
         self.arms = {
             name: self._make_arm(one, controller, imperfections) for name, one in scene.robots.items()
         }
-        self._watch = Watch(scene, tuple(scene.robots.values()), self._model, self._data)
+        self._watch = Watch(scene, tuple(scene.robots.values()), self.model, self.data)
         self._on_chunk = on_chunk
         self._dofs = [arm.robot.robot.dof for arm in self.arms.values()]
-        self._rows = Rows(sum(self._dofs), len(self.arms), self._model.nq)
+        self._rows = Rows(sum(self._dofs), len(self.arms), self.model.nq)
         self._chunks: list[Execution] = []
         self._seen: set[tuple[str, str]] = set()
         self.stop: Stop | None = None
-        mujoco.mj_forward(self._model, self._data)
+        mujoco.mj_forward(self.model, self.data)
 
     def _make_arm(self, robot: SceneRobot, controller: str, imperfections: Imperfections | None) -> Arm:
         driver = make_controller(
-            controller, self._model, robot, self._data.qpos, self.settings.gains, imperfections
+            controller, self.model, robot, self.data.qpos, self.settings.gains, imperfections
         )
-        arm = Arm(self.scene, robot, self._model, driver)
+        arm = Arm(self.scene, robot, self.model, driver)
         if arm.hand is not None:
-            self._data.ctrl[arm.hand.actuator] = arm.hand.open
+            self.data.ctrl[arm.hand.actuator] = arm.hand.open
         return arm
 
     def arm(self, robot: str | None = None) -> Arm:
@@ -100,17 +100,17 @@ class Stepper:
     @property
     def time(self) -> float:
         """Simulated seconds."""
-        return float(self._data.time)
+        return float(self.data.time)
 
     @property
     def timestep(self) -> float:
         """Seconds of one control step."""
-        return float(self._model.opt.timestep)
+        return float(self.model.opt.timestep)
 
     @property
     def qpos(self) -> Array:
         """(nq,) raw positions now."""
-        return np.array(self._data.qpos)
+        return np.array(self.data.qpos)
 
     def log(self, text: str, level: str = "INFO") -> None:
         """Add a line to the log at this time."""
@@ -144,8 +144,8 @@ class Stepper:
 
     def _move_actuator(self, actuator: int, target: float, seconds: float) -> bool:
         still = self._still()
-        for value in np.linspace(self._data.ctrl[actuator], target, self._steps(seconds) + 1)[1:]:
-            self._data.ctrl[actuator] = value
+        for value in np.linspace(self.data.ctrl[actuator], target, self._steps(seconds) + 1)[1:]:
+            self.data.ctrl[actuator] = value
             if self.stop is not None or not self._run(still, 2):
                 return False
         return True
@@ -155,7 +155,7 @@ class Stepper:
 
     def _step(self, references: dict[str, Reference], k: int, warnings: list[str]) -> None:
         """Control, integrate, measure. Positions that `mj_step` leaves in `data` are those before integration."""
-        data = self._data
+        data = self.data
         qpos, now = np.array(data.qpos), float(data.time)
         self._pushes.apply(data)
         torques = {}
@@ -164,7 +164,7 @@ class Stepper:
             self._rows.saturated += arm.saturated
             if reached:
                 self.log(f"{self._whose(arm)}a joint is at its effort limit", "WARN")
-        self._mujoco.mj_step(self._model, data)
+        self._mujoco.mj_step(self.model, data)
         for name, arm in self.arms.items():
             arm.worst.update(arm.tool_matrix(data), references[name].at(k)[3], torques[name])
         self._measure_strain()
@@ -181,7 +181,7 @@ class Stepper:
     def _measure_strain(self) -> None:
         shared = self._watch.shared()
         if shared:
-            force = internal_force(self._data, [held.weld for held in shared])
+            force = internal_force(self.data, [held.weld for held in shared])
             worst = next(iter(self.arms.values())).worst
             worst.internal_force = max(worst.internal_force, force)
 
@@ -199,7 +199,7 @@ class Stepper:
             qpos,
             np.concatenate([qpos[arm.robot.qpos_addresses] for arm in arms]),
             np.concatenate([arm.reference for arm in arms]),
-            np.concatenate([arm.tool_matrix(self._data)[:3, 3] for arm in arms]),
+            np.concatenate([arm.tool_matrix(self.data)[:3, 3] for arm in arms]),
             Worst.of_all([arm.worst for arm in arms], self._dofs),
             self._watch.clearance(qpos),
         )
@@ -208,7 +208,7 @@ class Stepper:
 
     def _guard(self, now: float, warnings: list[str]) -> None:
         """Stop on instability, on unintended contact, on a lost object, on a tool too far from its reference."""
-        data, settings = self._data, self.settings
+        data, settings = self.data, self.settings
         if warnings or not np.all(np.isfinite(data.qpos)) or not np.all(np.isfinite(data.qvel)):
             self._stop(
                 StopReason.UNSTABLE, " ".join(warnings[:1]) or "positions or velocities are not finite"

@@ -27,8 +27,7 @@ def pretended(tmp_path, monkeypatch):
     """Makes modules of the given names and work; nothing is on its way before or after."""
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setattr(ahead._State, "ahead", None)
-    monkeypatch.setattr(ahead._State, "waited", 0.0)
+    ahead.stop()
 
     def make(**work):
         for name, line in work.items():
@@ -37,8 +36,7 @@ def pretended(tmp_path, monkeypatch):
         return tmp_path
 
     yield make
-    if ahead._State.ahead is not None:
-        ahead._State.ahead._stop()
+    ahead.stop()
 
 
 @needs_two_cores
@@ -56,7 +54,7 @@ def test_what_waits_its_turn_is_not_waited_for(pretended):
     folder = pretended(pretend_endless="time.sleep(1000)", pretend_next="pass")
     ahead.compile_ahead("pretend_endless", "pretend_next")
     ahead.wait_for("pretend_next")
-    assert not (folder / "pretend_next.made").exists()
+    assert ahead.under_way() and not (folder / "pretend_next.made").exists()
 
 
 @needs_two_cores
@@ -65,22 +63,23 @@ def test_a_process_that_dies_keeps_nobody_waiting(pretended):
     ahead.compile_ahead("pretend_broken", "pretend_after")
     ahead.wait_for("pretend_broken")
     ahead.wait_for("pretend_after")
-    assert ahead._State.ahead._process.wait() == 1
+    assert not ahead.under_way()
     assert not list(folder.glob("*.made"))
 
 
-def test_what_was_compiled_before_starts_nothing(pretended):
+def test_what_was_compiled_before_starts_nothing(pretended, monkeypatch):
+    monkeypatch.setattr("subprocess.Popen", lambda *_, **__: pytest.fail("a process was begun"))
     folder = pretended(pretend_ready="pass")
     (folder / "pretend_ready.made").write_text("before")
     ahead.compile_ahead("pretend_ready")
-    assert ahead._State.ahead is None
+    assert not ahead.under_way()
     assert (folder / "pretend_ready.made").read_text() == "before"
 
 
 def test_without_anything_on_its_way_nobody_waits(pretended):
     before = ahead.compiling_seconds()
     ahead.wait_for(ahead.DECIDING)
-    assert ahead.compiling_seconds() == before and ahead._State.ahead is None
+    assert ahead.compiling_seconds() == before and not ahead.under_way()
 
 
 @pytest.mark.parametrize("name", [ahead.TRACKING, ahead.PLANNING, ahead.SAMPLING, ahead.DECIDING])

@@ -33,7 +33,7 @@ class _Ahead:
         command = [sys.executable, "-P", "-m", "workcell.compile_ahead", *modules]
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
         threading.Thread(target=self._listen, daemon=True).start()
-        atexit.register(self._stop)
+        atexit.register(self.stop)
 
     def wait_for(self, module: str) -> None:
         """Until `module` is done, if it has been begun; what is further back is better compiled here."""
@@ -54,7 +54,13 @@ class _Ahead:
             self._ended = True
             self._changed.notify_all()
 
-    def _stop(self) -> None:
+    @property
+    def at_work(self) -> bool:
+        """Whether it has not come to its end."""
+        with self._changed:
+            return not self._ended
+
+    def stop(self) -> None:
         """End it; what it has compiled is kept."""
         self._process.terminate()
         self._process.wait()
@@ -83,6 +89,18 @@ def wait_for(module: str) -> None:
         began = time.perf_counter()
         _State.ahead.wait_for(module)
         _State.waited += time.perf_counter() - began
+
+
+def under_way() -> bool:
+    """Whether the other process is at work."""
+    return _State.ahead is not None and _State.ahead.at_work
+
+
+def stop() -> None:
+    """End the other process, if there is one; what it has compiled is kept, and another may be begun."""
+    if _State.ahead is not None:
+        _State.ahead.stop()
+        _State.ahead = None
 
 
 def compiling_seconds() -> float:

@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from workcell.geometry.covers import outer as spheres
-from workcell.geometry.covers.cache import cache_folder, content_key
+from workcell.geometry.covers.cache import cache_folder, cached_cover, content_key
 from workcell.geometry.covers.outer import cover_pieces
 from workcell.geometry.types import Piece
 from workcell.pose import Pose
@@ -26,19 +25,29 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def truth():
-    return spheres._cover(PIECES, OVERSHOOT)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("WORKCELL_CACHE_DIR", "")
+        return cover_pieces(PIECES, OVERSHOOT)
 
 
-def cover():
-    """As in a new process."""
-    spheres._covers.clear()
-    return cover_pieces(PIECES, OVERSHOOT)
+@pytest.fixture
+def cover(truth):
+    """Asks for the cover, and counts in `made` how often it had to be made."""
+
+    def ask():
+        return cached_cover(PIECES, OVERSHOOT, make)
+
+    def make():
+        ask.made += 1
+        return tuple(array.copy() for array in truth)
+
+    ask.made = 0
+    return ask
 
 
 def same(found, expected):
     return all(
-        a.dtype == b.dtype and a.tobytes() == b.tobytes() and not a.flags.writeable
-        for a, b in zip(found, expected, strict=True)
+        a.dtype == b.dtype and a.tobytes() == b.tobytes() for a, b in zip(found, expected, strict=True)
     )
 
 
@@ -47,14 +56,25 @@ def entry(folder):
     return note, note.with_suffix(".npz")
 
 
-def test_covers_are_the_same_without_with_and_from_the_cache(folder, truth, monkeypatch):
+def test_covers_are_the_same_without_with_and_from_the_cache(folder, truth, cover):
     assert same(cover(), truth)
     note, arrays = entry(folder)
     assert sorted(path.name for path in note.parent.iterdir()) == [note.name, arrays.name]
     assert note.stem == content_key(PIECES, OVERSHOOT)
-    monkeypatch.setattr(spheres, "_cover", lambda *_: pytest.fail("the cover was made again"))
-    assert same(cover(), truth)
+    found = cover()
+    assert same(found, truth) and cover.made == 1 and not any(array.flags.writeable for array in found)
     assert json.loads(note.read_text())["spheres"] == len(truth[1])
+
+
+def test_covers_of_pieces_are_kept_there_and_taken_from_there(folder):
+    """What is found under a cover's key is believed, whatever it is; what was not found is kept."""
+    balls = [(Piece("ball", "sphere", Pose.from_xyz([x, 0, 0]), np.array([0.1])),) for x in (0.2718, 0.3141)]
+    planted = np.array([[0.1, 0.2, 0.3]]), np.array([0.4]), np.array([0.05])
+    cached_cover(balls[0], OVERSHOOT, lambda: planted)
+    assert same(cover_pieces(balls[0], OVERSHOOT), planted)
+    made = cover_pieces(balls[1], OVERSHOOT)
+    assert not any(array.flags.writeable for array in made)
+    assert same(cached_cover(balls[1], OVERSHOOT, lambda: pytest.fail("it was not kept")), made)
 
 
 def truncate(note, arrays):
@@ -105,7 +125,7 @@ def listed(note, arrays):
     [truncate, empty, lose, garble, shrink, pickle, reshape, replace, listed],
     ids=lambda f: f.__name__,
 )
-def test_a_damaged_or_foreign_entry_is_reported_and_made_anew(folder, truth, caplog, damage):
+def test_a_damaged_or_foreign_entry_is_reported_and_made_anew(folder, truth, cover, caplog, damage):
     cover()
     damage(*entry(folder))
     with caplog.at_level(logging.WARNING):
@@ -113,10 +133,10 @@ def test_a_damaged_or_foreign_entry_is_reported_and_made_anew(folder, truth, cap
     (record,) = caplog.records
     assert "damaged" in record.getMessage() and "made anew" in record.getMessage()
     caplog.clear()
-    assert same(cover(), truth) and not caplog.records
+    assert same(cover(), truth) and not caplog.records and cover.made == 2
 
 
-def test_a_folder_that_can_not_be_written_does_no_harm(tmp_path, monkeypatch, truth, caplog):
+def test_a_folder_that_can_not_be_written_does_no_harm(tmp_path, monkeypatch, truth, cover, caplog):
     blocked = tmp_path / "file"
     blocked.write_text("not a folder")
     monkeypatch.setenv("WORKCELL_CACHE_DIR", str(blocked))
@@ -124,7 +144,7 @@ def test_a_folder_that_can_not_be_written_does_no_harm(tmp_path, monkeypatch, tr
     assert blocked.read_text() == "not a folder"
 
 
-def test_where_the_folder_is(monkeypatch, tmp_path, truth):
+def test_where_the_folder_is(monkeypatch, tmp_path, truth, cover):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("WORKCELL_CACHE_DIR", "")
     assert cache_folder() is None

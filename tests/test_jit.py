@@ -2,26 +2,64 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+import sys
 from pathlib import Path
+
+import pytest
 
 import workcell
 from workcell import jit
 
-_PACKAGE = Path(workcell.__file__).parent
+PACKAGE = Path(workcell.__file__).parent
+
+MODULES = {
+    "bottom": "@inner\ndef one(x):\n    return x + 1.0",
+    "middle": "from workcell.kernels.bottom import one\n@inner\ndef two(x):\n    return one(x) + 1.0",
+    "top": "from workcell.kernels.middle import two\n@kernel\ndef three(x):\n    return two(x) + 1.0",
+    "aside": "",
+}
+"""Kernels that call each other across modules, as the package's own do, and a module that none of them imports."""
+
+ASK = """
+from workcell.jit import is_compiled
+from workcell.kernels.top import three
+print(is_compiled(three), three(0.0) if {call} else "")
+"""
 
 
-def test_a_kernel_depends_on_every_module_that_it_calls_into():
-    named = {name for name, _, _ in jit._stamp(_PACKAGE / "kernels/sphere_gaps.py")}
-    assert {"kernels/sphere_gaps.py", "kernels/shapes.py", "kernels/distance.py", "kernels/chain.py"} <= named
-    assert "workcell/jit.py" in named
-    assert "ik/solve.py" not in named
+def ask(folder, call):
+    """Whether the kernel at the top was compiled before, and what it returns if called: in a process of its own."""
+    command = [sys.executable, "-c", ASK.format(call=call)]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
+    return done.stdout.split()
 
 
-def test_the_disk_cache_carries_that_stamp():
-    from workcell.kernels import sphere_gaps
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    """A folder with a package of that name in which the kernel at the top has been compiled."""
+    folder = tmp_path_factory.mktemp("compiled")
+    kernels = folder / "workcell" / "kernels"
+    kernels.mkdir(parents=True)
+    for name in ("__init__", "errors", "jit"):
+        shutil.copy(PACKAGE / f"{name}.py", kernels.parent)
+    for name, text in {"__init__": "", **MODULES}.items():
+        (kernels / f"{name}.py").write_text(f"from workcell.jit import inner, kernel\n{text}\n")
+    assert ask(folder, call=True) == ["False", "3.0"]
+    return folder
 
-    file = sphere_gaps.smallest_gaps._cache._cache_file
-    assert file._source_stamp == jit._stamp(_PACKAGE / "kernels/sphere_gaps.py")
+
+@pytest.mark.parametrize(
+    ("edited", "stale", "result"),
+    [("kernels/aside.py", False, []), ("kernels/bottom.py", True, ["12.0"]), ("jit.py", True, [])],
+)
+def test_a_kernel_goes_stale_with_every_module_that_it_calls_into(compiled, tmp_path, edited, stale, result):
+    """And with the module that says how kernels are compiled, but with no other."""
+    shutil.copytree(compiled, tmp_path, dirs_exist_ok=True)
+    file = tmp_path / "workcell" / edited
+    file.write_text(file.read_text().replace("x + 1.0", "x + 10.0") + "\n# edited\n")
+    assert ask(tmp_path, call=bool(result)) == [str(not stale), *result]
 
 
 def test_the_clock_counts_compiling_and_says_so_once():

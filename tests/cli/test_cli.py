@@ -174,18 +174,21 @@ def test_closed_streams_end_nothing_with_a_traceback(arguments, redirection, cod
 
 
 def test_metrics_are_printed_with_their_units():
-    from workcell.cli.models import _metric
+    from workcell.cli.models import metric_words
 
-    assert _metric("robot_cover_s", 29.0) == ("robot cover", "29.00 s")
-    assert _metric("robot_overshoot_max_m", 0.01999) == ("robot overshoot max", "19.99 mm")
-    assert _metric("reach_radius_m", 1.541) == ("reach radius", "1.54 m")
-    assert _metric("covered_fraction", 0.9984) == ("covered fraction", "99.8 %")
-    assert _metric("robot_cover_proved", True) == ("robot cover proved", "yes")
-    assert _metric("robot_cover_proved", False) == ("robot cover proved", "NO")
-    assert _metric("obstacles_out_of_reach", []) == ("obstacles out of reach", "none")
-    assert _metric("obstacles_cut_to_reach", ["floor", "wall"]) == ("obstacles cut to reach", "floor, wall")
-    assert _metric("cuboid_margin_m", None) == ("cuboid margin", "-")
-    assert _metric("cuboids", 10) == ("cuboids", "10")
+    assert metric_words("robot_cover_s", 29.0) == ("robot cover", "29.00 s")
+    assert metric_words("robot_overshoot_max_m", 0.01999) == ("robot overshoot max", "19.99 mm")
+    assert metric_words("reach_radius_m", 1.541) == ("reach radius", "1.54 m")
+    assert metric_words("covered_fraction", 0.9984) == ("covered fraction", "99.8 %")
+    assert metric_words("robot_cover_proved", True) == ("robot cover proved", "yes")
+    assert metric_words("robot_cover_proved", False) == ("robot cover proved", "NO")
+    assert metric_words("obstacles_out_of_reach", []) == ("obstacles out of reach", "none")
+    assert metric_words("obstacles_cut_to_reach", ["floor", "wall"]) == (
+        "obstacles cut to reach",
+        "floor, wall",
+    )
+    assert metric_words("cuboid_margin_m", None) == ("cuboid margin", "-")
+    assert metric_words("cuboids", 10) == ("cuboids", "10")
 
 
 POSE = ("0.9", "0.3", "0.2", "1", "0", "0", "0")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from workcell.errors import ModelError, UnknownNameError, WorkcellError
-from workcell.model.collision_model import CollisionModel
+from workcell.model.collision_model import CollisionModel, geom_name
 from workcell.model.scene import Scene
 from workcell.pose import Pose
 
@@ -70,6 +70,7 @@ def test_distance_is_the_smallest_over_all_pairs(scene):
     import mujoco
 
     collision = CollisionModel(scene)
+    ids = {geom_name(scene.model, geom): geom for geom in range(scene.model.ngeom)}
     data = mujoco.MjData(scene.model)
     arm = scene.robot()
     for q in arm.robot.random_configuration(np.random.default_rng(1), 8):
@@ -77,7 +78,7 @@ def test_distance_is_the_smallest_over_all_pairs(scene):
         data.qpos[:] = collision.full_qpos(q)
         mujoco.mj_kinematics(scene.model, data)
         distances = [
-            mujoco.mj_geomDistance(scene.model, data, int(a), int(b), 10.0, None) for a, b in collision._pairs
+            mujoco.mj_geomDistance(scene.model, data, ids[a], ids[b], 10.0, None) for a, b in collision.pairs
         ]
         assert found.distance == pytest.approx(min(distances), abs=1e-9)
 

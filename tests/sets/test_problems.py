@@ -40,7 +40,7 @@ def test_a_file_is_read_as_it_stands():
     assert np.allclose(first.problem.target.rotation, quat_to_matrix(target["quat"]), atol=1e-8)
 
 
-@pytest.mark.parametrize("kind", tuple(generate_module._KINDS))
+@pytest.mark.parametrize("kind", tuple(generate_module.KINDS))
 def test_generated_sets_survive_a_file(kind, tmp_path):
     made = generate(seven(), beads(seven(), 0.04), kind, 4, seed=3)
     (tmp_path / "set.json").write_text(json.dumps(problem_set_document(made)))

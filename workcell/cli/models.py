@@ -221,7 +221,7 @@ def decompose(options: argparse.Namespace) -> int:
     if options.json:
         print_json(document)
     else:
-        rows = [_metric(name, value) for name, value in document["metrics"].items()]
+        rows = [metric_words(name, value) for name, value in document["metrics"].items()]
         print_table(f"Decomposition of {scene.name}", ["metric", "value"], rows)
         for path in (options.out, options.png, options.rrd, options.table):
             if path:
@@ -229,7 +229,7 @@ def decompose(options: argparse.Namespace) -> int:
     return exit_codes.DONE
 
 
-def _metric(name: str, value: Any) -> tuple[str, str]:
+def metric_words(name: str, value: Any) -> tuple[str, str]:
     """A metric's name without its unit, and its value with it."""
     words = name.removesuffix("_s").removesuffix("_m").replace("_", " ")
     if value is None:

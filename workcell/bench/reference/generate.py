@@ -34,12 +34,12 @@ def generate(robot: Robot, cover: SphereCover, kind: str, n: int, seed: int = 0)
     Raises:
         UnknownNameError: no such kind. InputError: no clear configuration was found.
     """
-    if kind not in _KINDS:
-        raise UnknownNameError("kind of problem set", kind, _KINDS, where="kind")
+    if kind not in KINDS:
+        raise UnknownNameError("kind of problem set", kind, KINDS, where="kind")
     maker = _Maker(robot, cover, np.random.default_rng([seed, *kind.encode()]))
     named = []
     for k in range(n):
-        target, obstacles = _KINDS[kind](maker, k)
+        target, obstacles = KINDS[kind](maker, k)
         problem = IKProblem(robot, target, obstacles, cover)
         named.append(NamedProblem(f"{robot.name}_{kind}_{k:04d}", problem))
     return ProblemSet(kind, robot, cover, tuple(named))
@@ -148,9 +148,10 @@ class _Maker:
         return unit
 
 
-_KINDS: dict[str, Callable[[_Maker, int], tuple[Pose, tuple[Piece, ...]]]] = {
+KINDS: dict[str, Callable[[_Maker, int], tuple[Pose, tuple[Piece, ...]]]] = {
     "free": _Maker.free,
     "random": _Maker.random,
     "workcell": _Maker.workcell,
     "unreachable": _Maker.unreachable,
 }
+"""What makes the target and the obstacles of one problem, for each kind of problem set."""

@@ -13,7 +13,8 @@ from workcell.ik.problem import IKProblem
 from workcell.ik.shared.packing import pack_world
 from workcell.jit import kernel
 from workcell.kernels.chain import forward
-from workcell.kernels.contacts import FAR, collect, contact_row, room
+from workcell.kernels.constants import FAR
+from workcell.kernels.contacts import collect, contact_row, room
 from workcell.pose import Pose
 
 

@@ -15,14 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError
 from workcell.geometry.obstacle_arrays import ObstacleArrays
-from workcell.geometry.packing import pack_spheres, pack_tree
+from workcell.geometry.packing import NO_GRADIENT, pack_spheres, pack_tree
 from workcell.geometry.self_collision import SelfCollisionPairs
 from workcell.geometry.types import Piece, SphereCover
 from workcell.model.robot import Robot
 from workcell.pose import Array
 
 Index = NDArray[np.int64]
-_NO_GRADIENT = np.empty((0, 0, 0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,14 +191,14 @@ class ClearanceEngine:
 
     def _of_spheres(self, rows: Array, with_gradient: bool) -> tuple[Array, Array, Index]:
         gap = np.empty((len(rows), len(self.cover)))
-        gradient = np.empty((*gap.shape, self.robot.dof)) if with_gradient else _NO_GRADIENT
+        gradient = np.empty((*gap.shape, self.robot.dof)) if with_gradient else NO_GRADIENT
         which = np.empty(gap.shape, dtype=np.int64)
         _kernels().sphere_gaps(self._tree, self._spheres, self.obstacles.shapes, rows, gap, gradient, which)
         return gap, gradient, which
 
     def _of_pairs(self, rows: Array, with_gradient: bool) -> tuple[Array, Array]:
         gap = np.empty((len(rows), len(self.pairs)))
-        gradient = np.empty((*gap.shape, self.robot.dof)) if with_gradient else _NO_GRADIENT
+        gradient = np.empty((*gap.shape, self.robot.dof)) if with_gradient else NO_GRADIENT
         _kernels().self_gaps(self._tree, self._spheres, self.pairs, rows, gap, gradient)
         return gap, gradient
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError
-from workcell.geometry.packing import pack_shapes
+from workcell.geometry.packing import NO_GRADIENT, pack_shapes
 from workcell.geometry.types import Piece
 from workcell.pose import Array
 
@@ -41,7 +41,7 @@ class ObstacleArrays:
         """Signed distances (..., k) in metres of points (..., 3) to the k pieces."""
         flat, batch = _flat_points(points)
         distance = np.empty((len(flat), len(self)))
-        _kernels().all_distances(self.shapes, flat, distance, np.empty((0, 0, 0)))
+        _kernels().all_distances(self.shapes, flat, distance, NO_GRADIENT)
         return distance.reshape(*batch, len(self))
 
     def distances_and_gradients(self, points: ArrayLike) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from workcell.errors import InputError, ModelError
 from workcell.geometry.types import Piece, SphereCover
 from workcell.identity_cache import ByIdentity
+from workcell.kernels.constants import TURN
 from workcell.kernels.shape_kinds import BOX, CAPSULE, HULL, KINDS
 from workcell.model.robot import Robot
 from workcell.pose import Array, quat_to_matrix
@@ -20,8 +21,9 @@ if TYPE_CHECKING:
     from workcell.kernels.chain import Arm, Tree
     from workcell.kernels.shapes import Shapes
 
-_TURN = 2 * np.pi
 _UPRIGHT = np.eye(3).ravel()
+NO_GRADIENT = np.empty((0, 0, 0))
+"""What kernels take in place of an array for gradients where none are wanted."""
 
 _arms, _frames, _covers = ByIdentity(), ByIdentity(), ByIdentity()
 _trees, _spheres = ByIdentity(), ByIdentity()
@@ -34,7 +36,7 @@ def pack_arm(robot: Robot) -> Arm:
 
 def joint_bounds(robot: Robot, lower: Array, upper: Array) -> Array:
     """Limits (3, n) as in `Arm`."""
-    whole_turns = ~robot.prismatic & (upper - lower >= _TURN - 1e-9)
+    whole_turns = ~robot.prismatic & (upper - lower >= TURN - 1e-9)
     return np.stack([lower, upper, whole_turns.astype(float)])
 
 

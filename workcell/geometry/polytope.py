@@ -12,6 +12,8 @@ from workcell.errors import ModelError
 from workcell.geometry.types import Piece
 from workcell.pose import Array
 
+CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+"""Of the cube with half edges of 1."""
 _SIDES = 48
 """Sides of the prism around a cylinder: it sticks out by 0.2 % of the radius."""
 
@@ -64,7 +66,7 @@ def _local_polytope(kind: str, size_bytes: bytes, vertex_bytes: bytes, name: str
     if kind == "hull":
         return hull_of(np.frombuffer(vertex_bytes).reshape(-1, 3), name)
     if kind == "box":
-        return hull_of(_CORNERS * size, name)
+        return hull_of(CORNERS * size, name)
     if kind == "cylinder":
         ring = _ring(_SIDES) * size[0] / np.cos(np.pi / _SIDES)
         return hull_of(
@@ -110,9 +112,6 @@ def _facet_edges(
                 a, b = sorted((int(triangle[(k + 1) % 3]), int(triangle[(k + 2) % 3])))
                 edges.add((a, b))
     return np.array(sorted(edges), dtype=np.int64).reshape(-1, 2)
-
-
-_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
 
 def _ring(sides: int) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError
-from workcell.geometry.packing import pack_spheres, pack_tree
+from workcell.geometry.packing import NO_GRADIENT, pack_spheres, pack_tree
 from workcell.geometry.types import SphereCover
 from workcell.model.robot import Robot
 from workcell.pose import Array, read_only
@@ -23,7 +23,6 @@ from workcell.pose import Array, read_only
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 _NONE = np.empty((0, 2), dtype=np.int64)
-_NO_GRADIENT = np.empty((0, 0, 0))
 _MOST_GAPS = 400_000
 """Gaps that may be computed to prove one pair of links apart."""
 _ROUNDING = 1e-9
@@ -152,7 +151,7 @@ def _gaps(robot: Robot, cover: SphereCover, pairs: Index, q: Array) -> Array:
     kernels: Any = importlib.import_module("workcell.kernels.sphere_gaps")
     gap = np.empty((len(q), len(pairs)))
     kernels.self_gaps(
-        pack_tree(robot), pack_spheres(robot, cover), np.array(pairs), np.array(q), gap, _NO_GRADIENT
+        pack_tree(robot), pack_spheres(robot, cover), np.array(pairs), np.array(q), gap, NO_GRADIENT
     )
     return gap
 

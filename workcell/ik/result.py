@@ -19,6 +19,9 @@ from workcell.ik.problem import Clearance
 from workcell.ik.stages import SolverStage
 from workcell.pose import Array, read_only
 
+NEAR_MISSES = 5
+"""Near misses whose reasons a solver reports."""
+
 
 class Status(enum.Enum):
     """How a query ended; `sentence` says what that means and what to do."""

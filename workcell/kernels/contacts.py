@@ -9,6 +9,7 @@ import numpy as np
 
 from workcell.jit import inner
 from workcell.kernels.chain import carried
+from workcell.kernels.constants import FAR
 from workcell.kernels.distance import signed_distance
 from workcell.kernels.shape_kinds import HALFSPACE
 from workcell.kernels.structures import World
@@ -16,8 +17,6 @@ from workcell.pose import Array
 
 MOST_CONTACTS = 128
 """Contacts of one configuration that are kept; more mean that it is hopeless anyway."""
-FAR = 1e3
-"""Metres reported where nothing is near."""
 
 
 class Contacts(NamedTuple):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from workcell.jit import inner
+from workcell.kernels.constants import HUGE
 from workcell.kernels.shape_kinds import BALL, BOX, CAPSULE, CYLINDER, ELLIPSOID, HALFSPACE
 from workcell.pose import Array
 
@@ -58,7 +59,7 @@ def _to_local(obstacles: Array, j: int, x: float, y: float, z: float) -> tuple[f
 def hull_height(obstacles: Array, faces: Array, j: int, x: float, y: float, z: float) -> float:
     """Largest signed distance of a world point from the planes of hull j's facets: never above the signed distance."""
     x, y, z = _to_local(obstacles, j, x, y, z)
-    highest = -1e300
+    highest = -HUGE
     for f in range(int(obstacles[j, 17]), int(obstacles[j, 18])):
         highest = max(highest, faces[f, 0] * x + faces[f, 1] * y + faces[f, 2] * z + faces[f, 3])
     return highest
@@ -132,7 +133,7 @@ def _ellipsoid(x: float, y: float, z: float, a: float, b: float, c: float) -> Di
 @inner
 def _hull(faces: Array, first: int, last: int, x: float, y: float, z: float) -> Distance:
     """Inside: the nearest facet's plane. Outside: the nearest point of the facets that face the point."""
-    depth, nearest = -1e300, 1e300
+    depth, nearest = -HUGE, HUGE
     face, u, v, w = first, 0.0, 0.0, 1.0
     for f in range(first, last):
         height = faces[f, 0] * x + faces[f, 1] * y + faces[f, 2] * z + faces[f, 3]
@@ -155,7 +156,7 @@ def _hull(faces: Array, first: int, last: int, x: float, y: float, z: float) -> 
 def _nearest_in_triangle(faces: Array, f: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Where the plane's foot lies inside, that; otherwise the nearest point of the three edges."""
     height = faces[f, 0] * x + faces[f, 1] * y + faces[f, 2] * z + faces[f, 3]
-    within, nearest = True, 1e300
+    within, nearest = True, HUGE
     bx, by, bz = 0.0, 0.0, 0.0
     for k in range(3):
         i, j = 4 + 3 * k, 4 + 3 * ((k + 1) % 3)

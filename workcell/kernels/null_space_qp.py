@@ -12,6 +12,11 @@ from workcell.kernels.cholesky import solve6
 from workcell.kernels.structures import Work
 from workcell.pose import Array
 
+LOOK_AHEAD = 0.03
+"""Metres of clearance within which a pair is a constraint of a program."""
+DEEPEST = 0.02
+"""Metres that a step asks a pair to move apart at most: linearisation holds no further."""
+
 
 @inner
 def project(rows: Array, m: int, work: Work) -> None:

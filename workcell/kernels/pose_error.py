@@ -9,12 +9,9 @@ import math
 
 from workcell.jit import inner
 from workcell.kernels.chain import Arm, forward
+from workcell.kernels.constants import HUGE, ROTATION_WEIGHT, TURN
 from workcell.kernels.random import RandomState, uniform
 from workcell.pose import Array
-
-ROTATION_WEIGHT = 0.3
-"""Metres that a radian weighs in residuals."""
-_TURN = 2 * math.pi
 
 
 @inner
@@ -88,9 +85,9 @@ def move(q: Array, step: Array, share: float, bounds: Array, out: Array) -> None
         value = q[k] + share * step[k]
         if bounds[2, k] != 0.0:
             if value > bounds[1, k]:
-                value -= _TURN * math.ceil((value - bounds[1, k]) / _TURN)
+                value -= TURN * math.ceil((value - bounds[1, k]) / TURN)
             elif value < bounds[0, k]:
-                value += _TURN * math.ceil((bounds[0, k] - value) / _TURN)
+                value += TURN * math.ceil((bounds[0, k] - value) / TURN)
         out[k] = min(max(value, bounds[0, k]), bounds[1, k])
 
 
@@ -106,7 +103,7 @@ def seed(
     arm: Arm, target: Array, random: RandomState, tries: int, q: Array, trial: Array, T: Array, e: Array
 ) -> None:
     """The best by pose error of `tries` uniform configurations, into q (n,)."""
-    best = 1e300
+    best = HUGE
     for _ in range(tries):
         draw(arm, random, trial)
         forward(arm.frames, trial, T)

@@ -16,14 +16,13 @@ from workcell.geometry.packing import axis_frames, pack_arm, pack_cover, pack_ob
 from workcell.geometry.types import Piece, SphereCover
 from workcell.identity_cache import ByIdentity
 from workcell.ik.problem import Clearance
+from workcell.kernels.constants import FAR
 from workcell.model.robot import LIMIT_SLACK, Robot
 from workcell.pose import Array, read_only
 
 if TYPE_CHECKING:
     from workcell.motion.kernels.body import Body
 
-FAR = 1e3
-"""Metres reported where nothing is near."""
 NO_CONE = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 1.0, -2.0])
 """Any direction of the tool is allowed."""
 

@@ -7,12 +7,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from workcell.ik.problem import Clearance
+from workcell.kernels.constants import ROTATION_WEIGHT
 from workcell.model.robot import Robot
 from workcell.motion.path import Path, PathMetrics
 from workcell.pose import Array
-
-RADIAN_M = 0.3
-"""Metres that a radian of the tool's rotation weighs in its manipulability."""
 
 
 def manipulability(robot: Robot, q: Array) -> Array:
@@ -20,7 +18,7 @@ def manipulability(robot: Robot, q: Array) -> Array:
 
     For an arm of fewer than six joints: sqrt(det(J^T J)).
     """
-    J = robot.jacobian(q) * np.array([1.0, 1.0, 1.0, RADIAN_M, RADIAN_M, RADIAN_M])[:, None]
+    J = robot.jacobian(q) * np.repeat([1.0, ROTATION_WEIGHT], 3)[:, None]
     values: Array = np.linalg.svd(J, compute_uv=False).prod(axis=-1)
     return values
 

@@ -21,6 +21,9 @@ ShapeKind = Literal["box", "ellipsoid", "capsule", "cylinder", "plane", "mesh"]
 PLANE_HALF_SIZE = 3.0
 """Metres: half the side of the square that stands for an infinite plane."""
 
+ROBOT_SPHERE_RGBA, OBSTACLE_SPHERE_RGBA = (0.20, 0.60, 0.85, 0.35), (0.36, 0.42, 0.48, 0.25)
+"""Of the spheres that cover robots, and obstacles."""
+
 COLLISION_GROUP = 3
 """Geoms of this MuJoCo group (and above) are collision geometry that a viewer hides."""
 

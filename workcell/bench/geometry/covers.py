@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from workcell.bench.reference.robots import ROBOTS
 from workcell.bench.rows import Bench, Row
 from workcell.errors import ModelError
 from workcell.pose import Array
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
     from workcell.geometry.types import Piece, SphereCover
 
-ROBOTS = ("sawyer", "ur10", "iiwa14")
 OBJECTS = ("mug", "cup")
 TABLE = (0.75, 0.4, 0.02)
 """Half sizes in metres of the table top of the figures."""

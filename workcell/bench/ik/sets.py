@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from workcell.bench.reference.generate import generate
-from workcell.bench.reference.robots import bench_robot
+from workcell.bench.reference.robots import ROBOTS, bench_robot
 from workcell.bench.rows import Bench, Row, row_of, solve_all
 from workcell.errors import InputError
 from workcell.ik.problem import Budget
@@ -17,7 +17,6 @@ from workcell.sets.workers import run_lines
 BUDGET = Budget(1.0)
 """CPU seconds a problem."""
 SOLVERS = ("auto", "multistart")
-ROBOTS = ("sawyer", "ur10", "iiwa14")
 KINDS = ("free", "random", "workcell")
 
 

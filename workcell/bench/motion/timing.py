@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from workcell.bench.reference.robots import ROBOTS
 from workcell.bench.rows import Bench, Row
 from workcell.errors import InputError
 from workcell.model.robot import Robot
@@ -21,7 +22,6 @@ from workcell.motion.timing.torques import ChainDynamics, TorqueLimits
 from workcell.pose import Array
 from workcell.sets.reports import cpu_columns
 
-ROBOTS = ("sawyer", "ur10", "iiwa14")
 EFFORTS = (1.0, 0.3)
 """Shares of the robots' effort limits; at the smaller one torques bind."""
 _SUPPORT, _GRID = 0.02, 800

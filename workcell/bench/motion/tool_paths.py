@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from workcell.bench.reference.robots import ROBOTS
 from workcell.bench.rows import Bench, Row
 from workcell.ik.hjcd.solver import collect_solutions
 from workcell.ik.problem import Budget
@@ -22,7 +23,6 @@ from workcell.pose import Array, Pose, axis_angle_to_matrix, matrix_to_quat
 from workcell.sets.reports import cpu_figures
 from workcell.world.planning_world import PlanningWorld
 
-ROBOTS = ("sawyer", "ur10", "iiwa14")
 LIMITS = FollowLimits(max_step=0.2, deviation_m=1e-3, deviation_rad=np.deg2rad(0.5), clearance=0.001)
 LENGTH, SPACING = 1.0, 0.02
 """Metres: of a line, and between its waypoints."""

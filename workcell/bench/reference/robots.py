@@ -5,6 +5,8 @@ from __future__ import annotations
 from workcell.geometry.types import SphereCover
 from workcell.model.robot import Robot
 
+ROBOTS = ("sawyer", "ur10", "iiwa14")
+"""Those that travel with workcell, in the order of the tables."""
 OVERSHOOT = 0.03
 """Metres by which the spheres of the generated sets may exceed the robots' shapes: about as coarse as covers made by
 hand."""

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError
 from workcell.geometry.obstacle_arrays import ObstacleArrays
+from workcell.geometry.polytope import CORNERS
 from workcell.geometry.separation import bounding_box
 from workcell.geometry.types import Piece
 from workcell.pose import Array, read_only
@@ -26,8 +27,6 @@ _MOST = 64
 
 _CHUNK = 50_000
 """Cells looked at together."""
-
-_EIGHTHS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +153,7 @@ def _blocks(piece: Piece, c: Array, r: Array) -> Iterator[tuple[Array, Array, ND
 
 
 def _split(cells: Array, half: Array) -> tuple[Array, Array]:
-    return (cells[:, None, :] + _EIGHTHS * half).reshape(-1, 3), half / 2
+    return (cells[:, None, :] + CORNERS * (half / 2)).reshape(-1, 3), half / 2
 
 
 def _held(piece: Piece, c: Array, r: Array, resolution: float) -> bool:

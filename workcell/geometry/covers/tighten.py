@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.geometry.obstacle_arrays import ObstacleArrays
+from workcell.geometry.polytope import CORNERS
 from workcell.geometry.types import Piece
 from workcell.pose import Array
-
-_EIGHTHS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 
 _CELLS = 100_000
 """Cells beyond which a radius is left as exact as it is: a whole sphere's surface is equally far from its centre."""
@@ -56,7 +55,7 @@ def _needed(
     cells, half = centre[None], radius
     known = 0.0
     while True:
-        cells = (cells[:, None, :] + _EIGHTHS * (2 * half)).reshape(-1, 3) if half < radius else cells
+        cells = (cells[:, None, :] + CORNERS * half).reshape(-1, 3) if half < radius else cells
         farthest = np.linalg.norm(np.abs(cells - centre) + half, axis=1)
         middle = np.linalg.norm(cells - centre, axis=1)
         # What lies beyond the ball is held by others, for the balls cover.

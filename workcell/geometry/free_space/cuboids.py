@@ -16,7 +16,7 @@ from workcell.model.robot import Robot
 from workcell.pose import Array
 
 GAP = 1e-5
-"""Metres that every cuboid keeps from every obstacle, so that rounding can't make them overlap."""
+"""Metres that every cuboid and polytope keeps from every obstacle, so that rounding can't make them overlap."""
 
 FIRST_STEP, STEP_GROWTH = 0.01, 1.35
 """Delta of the first sweep in metres, and its growth a sweep. (The paper leaves Delta open.)

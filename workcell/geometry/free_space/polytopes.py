@@ -14,15 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError
+from workcell.geometry.free_space.cuboids import GAP
 from workcell.geometry.free_space.ellipsoid import Ellipsoid, facing, largest_ellipsoid
 from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.polytope import Polytope, hull_of
 from workcell.geometry.separation import support
 from workcell.geometry.types import FreePolytope, Piece
 from workcell.pose import Array
-
-GAP = 1e-5
-"""Metres that every plane keeps from the obstacle it stops at, so that rounding can't make them overlap."""
 
 _ROUNDS = 12
 _LEAST_GROWTH = 0.02

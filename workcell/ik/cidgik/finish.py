@@ -6,13 +6,12 @@ import numpy as np
 
 from workcell.ik.cidgik.recover import nearest_turn
 from workcell.ik.cidgik.search import Finished
+from workcell.ik.shared.polish import CONVERGED
 from workcell.ik.trees.judge import judge_query
 from workcell.ik.trees.query import Goal, Query
+from workcell.kernels.constants import ROTATION_WEIGHT
 from workcell.pose import Array, rotation_vector
 
-_LENGTH = 0.3
-"""Metres that weigh as much as a radian."""
-_CONVERGED = 1e-10
 _SIDE = 1e-9
 """Sine below which two directions count as parallel."""
 
@@ -44,7 +43,7 @@ def polish_query(query: Query, q: Array, *, steps: int, damping: float) -> tuple
     e, J = _errors(query, now)
     for _ in range(steps):
         cost = float(e @ e)
-        if cost < _CONVERGED**2:
+        if cost < CONVERGED**2:
             break
         damped = np.vstack([J, np.sqrt(damping) * np.eye(robot.dof)])
         step = np.linalg.lstsq(damped, np.append(e, np.zeros(robot.dof)), rcond=None)[0]
@@ -67,8 +66,8 @@ def _errors(query: Query, q: Array) -> tuple[Array, Array]:
         tip = (T[tool.link] @ tool.T_link_tool.matrix)[:3, 3]
         position, rotation = _goal_error(query, goal, T)
         J = robot.point_jacobian(T, tool.link, tip)
-        errors += [position / _LENGTH, rotation]
-        jacobians += [J[:3] / _LENGTH, _rotation_rows(goal, J[3:])]
+        errors += [position / ROTATION_WEIGHT, rotation]
+        jacobians += [J[:3] / ROTATION_WEIGHT, _rotation_rows(goal, J[3:])]
     return np.concatenate(errors), np.vstack(jacobians)
 
 

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from workcell.ik.shared.conic import ConicSolution
+from workcell.ik.shared.convex import SLOW
 from workcell.pose import Array
 
 Blocks = Any
@@ -17,8 +18,6 @@ Blocks = Any
 RANK_GAP = 1e-5
 """Excess rank h(Z), the sum of all eigenvalues but the d largest, below which Z counts as a configuration."""
 LONGEST = 12
-SLOW = 0.9
-"""An iteration is given up when a step leaves more than this share of the excess rank."""
 
 
 class Relaxed(Protocol):

@@ -15,19 +15,15 @@ from workcell.ik.cidgik.rank import Blocks, Iterate, Relaxed, converge
 from workcell.ik.cidgik.recover import joint_angles
 from workcell.ik.cidgik.skeleton import Skeleton
 from workcell.ik.cidgik.workspace import Keeper
+from workcell.ik.result import NEAR_MISSES
+from workcell.ik.shared.convex import MAX_POLISH, MOST_FAILURES
 from workcell.ik.stages import StageLog
 from workcell.pose import Array
 
-MAX_POLISH = 1e-2
-"""Radians by which polish may move a joint for the answer to count as the convex method's own."""
 ROUNDS = 8
 """Times that rows are added within one restart."""
 PROVE_AFTER = 3
 """Restarts after which, once, the relaxation is asked whether it is empty with every sphere that it breaks."""
-MOST_FAILURES = 3
-"""Solves without a point, and without rows that explain it, after which the search gives up."""
-NEAR_MISSES = 5
-"""Reasons that are reported."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,15 +24,11 @@ from workcell.ik.elementary.bounds import prove_impossible
 from workcell.ik.judge.verify import Verifier
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import Candidate
+from workcell.ik.shared.convex import LOCAL_DAMPING, LOCAL_STEPS
 from workcell.ik.shared.limits import Interval
 from workcell.ik.shared.polish import polish
 from workcell.ik.trees.query import Query
 from workcell.pose import Array
-
-LOCAL_STEPS = 15
-"""Levenberg-Marquardt steps from the angles of an iterate (`cidgik+lm`)."""
-LOCAL_DAMPING = 1e-2
-"""Their first damping."""
 
 
 def solve_cidgik(problem: IKProblem, budget: Budget, seed: int = 0, *, local: bool = False) -> Candidate:

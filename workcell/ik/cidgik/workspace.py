@@ -17,11 +17,10 @@ from workcell.geometry.types import Piece
 from workcell.ik.cidgik.instance import Instance
 from workcell.ik.cidgik.reduction import Vectors
 from workcell.ik.cidgik.rows import products
+from workcell.ik.shared.convex import KEEP_OFF
 from workcell.ik.trees.query import Balls, Plane
 from workcell.pose import Array, Pose
 
-KEEP_OFF = 1e-4
-"""Metres added to what a row demands, so that its edge is not a near miss."""
 MOST_ROWS = 192
 """Rows that one cone program may carry; the latest are kept."""
 _MOVES = 1e-9

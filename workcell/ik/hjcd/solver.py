@@ -15,12 +15,12 @@ import numpy as np
 
 from workcell.compile_ahead import SAMPLING, wait_for
 from workcell.geometry.packing import random_state
-from workcell.ik.hjcd.batch import BatchSolution, solve_batch, solve_two_phase
+from workcell.ik.hjcd.batch import ACCURACY, BatchSolution, solve_batch, solve_two_phase
 from workcell.ik.hjcd.memory import kernels, new_memory
 from workcell.ik.hjcd.refine import DEEPEST, refine
 from workcell.ik.judge.verify import sphere_name
 from workcell.ik.problem import Budget, IKProblem
-from workcell.ik.result import Candidate
+from workcell.ik.result import NEAR_MISSES, Candidate
 from workcell.ik.shared.packing import (
     empty_world,
     has_collisions,
@@ -44,14 +44,10 @@ if TYPE_CHECKING:
     from workcell.ik.hjcd.kernels.search import Memory
     from workcell.kernels.structures import World
 
-ACCURACY = 1e-8
-"""Metres of residual (a radian weighs 0.3 m) to which poses are polished."""
 RESTARTS = 16
 """Restarts between two looks at the clock."""
 MOST_CHECKS = 300
 """Candidates shown to a problem's own checker before the search gives up."""
-NEAR_MISSES = 5
-"""Reasons that are reported."""
 MANY_JOINTS = 8
 """Joints from which near misses are refined: the self-motion is more than the curve that is walked."""
 NEARBY = 12

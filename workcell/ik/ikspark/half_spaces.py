@@ -13,10 +13,8 @@ import numpy as np
 from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.ik.ikspark.instance import Instance, instance_of
 from workcell.ik.problem import IKProblem
+from workcell.ik.shared.convex import KEEP_OFF
 from workcell.pose import Array
-
-KEEP_OFF = 1e-4
-"""Metres added to what a half-space demands, so that its edge is not a near miss."""
 
 
 class Avoidance:

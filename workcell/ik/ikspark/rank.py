@@ -10,14 +10,11 @@ import numpy as np
 
 from workcell.ik.ikspark.lift import Lift
 from workcell.ik.shared.conic import ConicSolution, smat, svec
+from workcell.ik.shared.convex import SLOW
 from workcell.pose import Array
 
 RANK_GAP = 1e-5
 """eps_1 of Algorithm 1: a block counts as rank 1 when its largest eigenvalue is within this of its trace."""
-
-
-SLOW = 0.9
-"""An ascent is given up when a step leaves more than this share of the summed rank gaps."""
 LONGEST = 30
 
 

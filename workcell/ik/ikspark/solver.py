@@ -24,28 +24,19 @@ from workcell.ik.ikspark.rank import ConvexSet, Iterate, ascend, linearise
 from workcell.ik.ikspark.rays import certify_kinematics
 from workcell.ik.judge.verify import Verifier
 from workcell.ik.problem import Budget, IKProblem
-from workcell.ik.result import Candidate
+from workcell.ik.result import NEAR_MISSES, Candidate
+from workcell.ik.shared.convex import LOCAL_DAMPING, LOCAL_STEPS, MAX_POLISH, MOST_FAILURES
 from workcell.ik.shared.limits import Interval
 from workcell.ik.shared.polish import Polished, polish
 from workcell.ik.stages import StageLog
 from workcell.pose import Array
 
-MAX_POLISH = 1e-2
-"""Radians by which polish may move a joint for the answer to count as the convex method's own."""
-LOCAL_STEPS = 15
-"""Levenberg-Marquardt steps from the angles of an iterate (`ikspark+lm`)."""
-LOCAL_DAMPING = 1e-2
-"""Their first damping."""
 CUBOIDS_AFTER = 8
 """Restarts with half-spaces before free-space cuboids, where the problem has some, take turns with them."""
-MOST_FAILURES = 3
-"""Solves without a point and without a ray after which the solver gives up."""
 SLOTS = 12
 """Half-spaces that one ascent may carry."""
 ROUNDS = 4
 """Ascents with ever more half-spaces, after one whose point collides."""
-NEAR_MISSES = 5
-"""Reasons that are reported."""
 
 
 def solve_ikspark(problem: IKProblem, budget: Budget, seed: int = 0, *, local: bool = False) -> Candidate:

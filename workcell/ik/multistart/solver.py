@@ -16,14 +16,13 @@ from workcell.geometry.engine import ClearanceEngine, Contacts
 from workcell.ik.judge.verify import Verifier, sphere_name
 from workcell.ik.multistart.pose_errors import pose_errors
 from workcell.ik.problem import Budget, IKProblem
-from workcell.ik.result import Candidate
+from workcell.ik.result import NEAR_MISSES, Candidate
 from workcell.ik.shared.limits import Interval
+from workcell.kernels.constants import ROTATION_WEIGHT
 from workcell.pose import Array
 
 LANES = 16
 """Starts that advance together."""
-ROTATION_WEIGHT = 0.3
-"""Metres that a radian weighs in the residual."""
 _WEIGHTS = np.array([1.0, 1.0, 1.0, ROTATION_WEIGHT, ROTATION_WEIGHT, ROTATION_WEIGHT])
 HINGE_MARGIN = 2e-4
 """Metres beyond the wanted clearance at which the hinge begins, so that a solution is not left on the edge."""
@@ -36,8 +35,6 @@ LONGEST_STEP = 0.7
 """Radians (metres) that a joint may move in one iteration."""
 FINISH = 0.01
 """Share of the pose tolerances at which a lane that still improves is stopped and judged."""
-NEAR_MISSES = 5
-"""Reasons that are reported."""
 
 
 def solve_multistart(problem: IKProblem, budget: Budget, seed: int = 0) -> Candidate:

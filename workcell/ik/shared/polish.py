@@ -8,11 +8,11 @@ import numpy as np
 
 from workcell.ik.problem import IKProblem
 from workcell.ik.shared.limits import Interval
+from workcell.kernels.constants import ROTATION_WEIGHT
 from workcell.pose import Array, rotation_vector
 
-_CONVERGED = 1e-10
-_LENGTH = 0.3
-"""Metres that weigh as much as a radian."""
+CONVERGED = 1e-10
+"""Length of the weighted error (a radian counts as one) from which a polish has arrived."""
 
 
 class Polished(NamedTuple):
@@ -43,7 +43,7 @@ def polish(problem: IKProblem, q: Array, *, steps: int = 10, damping: float = 1e
     e, J = chain.error(now)
     for _ in range(steps):
         cost = float(e @ e)
-        if cost < _CONVERGED**2 or damping > 1e3:
+        if cost < CONVERGED**2 or damping > 1e3:
             break
         trial = np.clip(now + _free_step(J, e, damping * (1.0 + cost), now, lower, upper), lower, upper)
         e_trial, J_trial = chain.error(trial)
@@ -53,7 +53,7 @@ def polish(problem: IKProblem, q: Array, *, steps: int = 10, damping: float = 1e
         else:
             damping = max(10.0 * damping, 1e-4)
     moved = float(np.abs(now - start).max())
-    return Polished(now, float(np.linalg.norm(e[:3])) * _LENGTH, float(np.linalg.norm(e[3:])), moved)
+    return Polished(now, float(np.linalg.norm(e[:3])) * ROTATION_WEIGHT, float(np.linalg.norm(e[3:])), moved)
 
 
 class _Chain:
@@ -72,7 +72,7 @@ class _Chain:
         self._parts = (robot.joint_rotation, robot.joint_rotation @ K, robot.joint_rotation @ K @ K)
 
     def error(self, q: Array) -> tuple[Array, Array]:
-        """(6,) position over `_LENGTH` and rotation vector from the tool to its target, and the Jacobian (6, n)."""
+        """(6,) position, weighted, and rotation vector from the tool to its target, and the Jacobian (6, n)."""
         still, sine, cosine = self._parts
         joints = still + np.sin(q)[:, None, None] * sine + (1.0 - np.cos(q))[:, None, None] * cosine
         n = len(q)
@@ -84,9 +84,9 @@ class _Chain:
             origins[k], axes[k] = p, R @ self._axis[k]
         tip = p + R @ self._tool_position
         e, J = np.empty(6), np.empty((6, n))
-        e[:3] = (self._position - tip) / _LENGTH
+        e[:3] = (self._position - tip) / ROTATION_WEIGHT
         e[3:] = rotation_vector(self._rotation @ (R @ self._tool_rotation).T)
-        J[:3] = np.cross(axes, tip - origins).T / _LENGTH
+        J[:3] = np.cross(axes, tip - origins).T / ROTATION_WEIGHT
         J[3:] = axes.T
         return e, J
 

@@ -11,7 +11,7 @@ from workcell.errors import ModelError, UnknownNameError
 AssetKind = Literal["robots", "objects", "cells"]
 
 _SINGULAR = {"robots": "robot", "objects": "object", "cells": "cell"}
-_MODEL_SUFFIXES = (".xml", ".mjcf", ".urdf")
+MODEL_SUFFIXES = (".xml", ".mjcf", ".urdf")
 
 
 @cache
@@ -32,7 +32,7 @@ def list_assets(kind: AssetKind) -> list[str]:
 def is_path(name: str | Path) -> bool:
     """Whether a model's name is a path: anything with a separator or the suffix of a model file."""
     text = str(name)
-    return Path(text).suffix.lower() in _MODEL_SUFFIXES or "/" in text or "\\" in text
+    return Path(text).suffix.lower() in MODEL_SUFFIXES or "/" in text or "\\" in text
 
 
 def find_asset(

@@ -14,15 +14,12 @@ from xml.etree import ElementTree
 import numpy as np
 
 from workcell.errors import ModelError
-from workcell.model.loading.assets import AssetKind, find_asset
+from workcell.model.loading.assets import MODEL_SUFFIXES, AssetKind, find_asset
 from workcell.model.loading.compiled import VELOCITY, robot_from_model
 from workcell.model.robot import Robot
 
 if TYPE_CHECKING:
     import mujoco
-
-
-_READABLE = (".xml", ".mjcf", ".urdf")
 
 
 def load_spec(
@@ -49,9 +46,11 @@ def load_spec(
     import mujoco
 
     path = find_asset(kind, name, relative_to=relative_to, where=where)
-    if path.suffix.lower() not in _READABLE:
+    if path.suffix.lower() not in MODEL_SUFFIXES:
         raise ModelError(
-            "this is not the name of a model file", where=path, remedy=f"it ends in {', '.join(_READABLE)}"
+            "this is not the name of a model file",
+            where=path,
+            remedy=f"it ends in {', '.join(MODEL_SUFFIXES)}",
         )
     try:
         with quiet_mujoco():

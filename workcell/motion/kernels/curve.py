@@ -9,11 +9,9 @@ from __future__ import annotations
 from workcell.jit import inner, kernel
 from workcell.kernels.chain import forward
 from workcell.motion.kernels.body import Body, Room, accelerations, room, twists
-from workcell.motion.kernels.line import BLOCKED, INTERVALS, PROVED, SPENT, TIGHT, Verdict
+from workcell.motion.kernels.line import BLOCKED, INTERVALS, PROVED, SPENT, TIGHT, WHOLE, Verdict
 from workcell.motion.kernels.steps import safe_steps
 from workcell.pose import Array
-
-_WHOLE = 1.0 - 1e-12
 
 
 @inner
@@ -80,16 +78,16 @@ def prove_curve(
             return Verdict(BLOCKED, t / duration, -1e3, gap, first, second, looks)
         level = steps.level
         short = min(steps.forward, steps.backward)
-        if short >= half * _WHOLE:
+        if short >= half * WHOLE:
             continue
         if travel * short < finest * half or travel < finest:
             return Verdict(TIGHT, t / duration, -1e3, gap, first, second, looks)
         if looks >= most or tail - head + 2 > size:
             return Verdict(SPENT, t / duration, -1e3, gap, first, second, looks)
-        if steps.backward < half * _WHOLE:
+        if steps.backward < half * WHOLE:
             work.queue[tail % size, 0], work.queue[tail % size, 1] = begin, t - steps.backward
             tail += 1
-        if steps.forward < half * _WHOLE:
+        if steps.forward < half * WHOLE:
             work.queue[tail % size, 0], work.queue[tail % size, 1] = t + steps.forward, end
             tail += 1
     return Verdict(PROVED, place, level, gap, first, second, looks)

@@ -14,7 +14,8 @@ PROVED, BLOCKED, TIGHT, SPENT = 0, 1, 2, 3
 """Clear all along; not clear at some parameter; too near the floor there for a proof; more work than allowed."""
 INTERVALS = 256
 """Open intervals of one line."""
-_WHOLE = 1.0 - 1e-12
+WHOLE = 1.0 - 1e-12
+"""Share of an interval that counts as all of it."""
 
 
 class Verdict(NamedTuple):
@@ -75,16 +76,16 @@ def prove_line(
             return Verdict(BLOCKED, t, -1e3, gap, first, second, looks)
         level = steps.level
         short = min(steps.forward, steps.backward)
-        if short >= half * _WHOLE:
+        if short >= half * WHOLE:
             continue
         if short < smallest:
             return Verdict(TIGHT, t, -1e3, gap, first, second, looks)
         if looks >= most or tail - head + 2 > size:
             return Verdict(SPENT, t, -1e3, gap, first, second, looks)
-        if steps.backward < half * _WHOLE:
+        if steps.backward < half * WHOLE:
             work.queue[tail % size, 0], work.queue[tail % size, 1] = begin, t - steps.backward
             tail += 1
-        if steps.forward < half * _WHOLE:
+        if steps.forward < half * WHOLE:
             work.queue[tail % size, 0], work.queue[tail % size, 1] = t + steps.forward, end
             tail += 1
     return Verdict(PROVED, place, level, gap, first, second, looks)

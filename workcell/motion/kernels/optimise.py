@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.jit import inner, kernel
+from workcell.kernels.constants import HUGE
 from workcell.kernels.random import RandomState, uniform
 from workcell.motion.kernels.body import Body, Room, room
 from workcell.motion.kernels.line import INTERVALS
@@ -64,7 +65,7 @@ class Costs(NamedTuple):
 @inner
 def _least(trees: Costs, side: int, q: Array) -> float:
     """Distance of q (n,) from the nearest root of a tree: no branch to q is shorter."""
-    least = 1e300
+    least = HUGE
     for i in range(trees.roots[side]):
         least = min(least, distance(trees.nodes[side, i], q))
     return least
@@ -73,7 +74,7 @@ def _least(trees: Costs, side: int, q: Array) -> float:
 @inner
 def _affordable(trees: Costs, side: int, q: Array, budget: float) -> int:
     """The nearest node from which a straight line would reach q (n,) at a cost of at most `budget`; -1: none."""
-    best, found = 1e300, -1
+    best, found = HUGE, -1
     nodes = trees.nodes
     for i in range(trees.size[side]):
         left = budget - trees.cost[side, i]

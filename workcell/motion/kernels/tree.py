@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from workcell.jit import inner, kernel
 from workcell.kernels.chain import forward
+from workcell.kernels.constants import HUGE
 from workcell.kernels.random import RandomState, uniform
 from workcell.motion.kernels.body import Body, Room, room
 from workcell.motion.kernels.line import INTERVALS, PROVED, prove_line
@@ -58,7 +59,7 @@ class Trees(NamedTuple):
 @inner
 def _nearest(trees: Trees, side: int, q: Array) -> tuple[int, float]:
     """The node nearest to q (n,), and its distance."""
-    best, found = 1e300, 0
+    best, found = HUGE, 0
     nodes = trees.nodes
     for i in range(trees.size[side]):
         square = 0.0

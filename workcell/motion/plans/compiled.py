@@ -29,7 +29,8 @@ CHUNK = 200
 """Samples between two looks at the clock."""
 NODES = 20_000
 """Room for nodes of one tree, at most."""
-_FIRST_NODES = 1000
+FIRST_NODES = 1000
+"""Room for nodes of one tree, at first."""
 CORNERS = 400
 """Room for corners of a path that is being shortened."""
 
@@ -138,7 +139,7 @@ def search(body: Body, start: Array, goals: ArrayLike, effort: Effort | None = N
     direct, tried, looks = _straight(body, start, goals)
     if direct >= 0:
         return Found(np.stack([start, goals[direct]]), direct, 0, tried, looks)
-    trees = _new_trees(start, goals, seed, _FIRST_NODES)
+    trees = _new_trees(start, goals, seed, FIRST_NODES)
     meeting = np.zeros(2, dtype=np.int64)
     status, done = entries.OPEN, 0
     while status != entries.JOINED:

@@ -19,6 +19,7 @@ from workcell.geometry.packing import random_state
 from workcell.motion.body import kernels
 from workcell.motion.plans.compiled import (
     CHUNK,
+    FIRST_NODES,
     Effort,
     bare_body,
     branches,
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from workcell.motion.kernels.body import Body
     from workcell.motion.kernels.optimise import Costs
 
-_FIRST_NODES = 1000
 _CLOSE = 1e-9
 """Share by which the best path may exceed the lower bound and count as the shortest."""
 
@@ -175,7 +175,7 @@ class _Optimisation:
 
 
 def _new_trees(start: Array, goals: Array, seed: int, corners: int) -> Costs:
-    room = _FIRST_NODES + corners + len(goals)
+    room = FIRST_NODES + corners + len(goals)
     trees: Costs = kernels().Costs(
         np.empty((2, room, len(start))),
         np.full((2, room), -1, dtype=np.int64),

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from workcell.errors import InputError
-from workcell.motion.timing.spline import JointSpline
+from workcell.motion.timing.spline import SMALLEST, JointSpline
 from workcell.pose import Array
 
 _PER_INTERVAL, _APART = 6, 1e-6
-_SMALLEST = 1e-12
 
 
 def phase_grid(spline: JointSpline, intervals: int) -> Array:
@@ -126,7 +125,7 @@ def fastest_squared_speed(s: Array, rows: PhaseRows, cap: Array) -> Array:
 
 def _accelerations(rows: PhaseRows) -> tuple[Array, Array, Array]:
     """(g, m) bounds `low + slope x <= u <= high + slope x` of the rows that contain u; none for the others."""
-    acting = np.abs(rows.first) > _SMALLEST
+    acting = np.abs(rows.first) > SMALLEST
     first = np.where(acting, rows.first, 1.0)
     ends = rows.low / first, rows.high / first
     slope = np.where(acting, -rows.second / first, 0.0)
@@ -144,7 +143,7 @@ def _starts(
     alone.
     """
     acting, second = np.isfinite(high), rows.second[:-1]
-    alone = ~acting & (np.abs(second) > _SMALLEST)
+    alone = ~acting & (np.abs(second) > SMALLEST)
     bound = np.where(second > 0, rows.high[:-1], rows.low[:-1]) / np.where(alone, second, 1.0)
     fixed = np.minimum(cap, np.where(alone, bound, np.inf).min(axis=1))
     closing = (
@@ -154,14 +153,14 @@ def _starts(
     fixed = np.minimum(fixed, _ends(gaps, closing).min(axis=(1, 2), initial=np.inf))
     inverse = 1 / two_ds[:, None]
     fixed = np.minimum(fixed, _ends(high, -(slope + inverse)).min(axis=1, initial=np.inf))
-    meets = acting & (slope + inverse > _SMALLEST)
+    meets = acting & (slope + inverse > SMALLEST)
     rate = np.where(meets, slope + inverse, 1.0)
     return fixed, np.where(meets, -low / rate, np.inf), np.where(meets, inverse / rate, 0.0)
 
 
 def _ends(gap: Array, closing: Array) -> Array:
     """Where gaps that close by `closing` a unit of x are closed; inf for those that don't."""
-    found: Array = np.where(closing > _SMALLEST, gap / np.where(closing > _SMALLEST, closing, 1.0), np.inf)
+    found: Array = np.where(closing > SMALLEST, gap / np.where(closing > SMALLEST, closing, 1.0), np.inf)
     return found
 
 
@@ -181,7 +180,7 @@ def rest_to_rest(corners: Array, velocity: Array, acceleration: Array) -> float:
             )
     total = 0.0
     for step in np.abs(np.diff(corners, axis=0)):
-        moving = step > _SMALLEST
+        moving = step > SMALLEST
         if moving.any():
             speed = float(np.min(velocity[moving] / step[moving]))
             rate = float(np.min(acceleration[moving] / step[moving]))

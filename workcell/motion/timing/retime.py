@@ -19,7 +19,7 @@ from workcell.model.robot import Robot
 from workcell.motion.path import Path, Trajectory
 from workcell.motion.polynomials import PolynomialMotion
 from workcell.motion.timing.phase_plane import PhaseRows, Timing, fastest_squared_speed, phase_grid
-from workcell.motion.timing.spline import JointSpline, spline_within_limits
+from workcell.motion.timing.spline import SMALLEST, JointSpline, spline_within_limits
 from workcell.motion.timing.torques import Dynamics, TorqueLimits
 from workcell.pose import Array
 
@@ -33,7 +33,6 @@ _PARTS = 4
 """Parts of each time step on which the quintics between samples are bounded."""
 _DAMPING_PASSES, _FASTER = 3, 1.2
 """Passes that look for the speeds at which damping acts, and the factor on squared speeds from one to the next."""
-_SMALLEST = 1e-12
 
 
 def retime(
@@ -160,9 +159,9 @@ def _timing(bounds: _Bounds, smoothing_s: float, dt: float, grid: int) -> Timing
 
 def _speed_cap(robot: Robot, q: Array, first: Array, v_max: Array, tool_speed: float | None) -> Array:
     """The largest sd^2 at each grid point under the joints' and the tool's speed limits."""
-    cap: Array = np.min((v_max / np.maximum(np.abs(first), _SMALLEST)) ** 2, axis=1)
+    cap: Array = np.min((v_max / np.maximum(np.abs(first), SMALLEST)) ** 2, axis=1)
     if tool_speed is not None:
-        cap = np.minimum(cap, (tool_speed / np.maximum(_tool_speed(robot, q, first), _SMALLEST)) ** 2)
+        cap = np.minimum(cap, (tool_speed / np.maximum(_tool_speed(robot, q, first), SMALLEST)) ** 2)
     return cap
 
 

@@ -13,7 +13,8 @@ from workcell.pose import Array
 
 _RINGING = 0.05
 """Corner angle times segment length (radians squared) from which a corner gets support points: 1 mrad off the line."""
-_SMALLEST = 1e-12
+SMALLEST = 1e-12
+"""What counts as zero: of steps, lengths, speeds, and of what they are divided by."""
 _ROUNDS = 40
 """Rounds of moving points to bring a spline inside the joint limits."""
 
@@ -68,7 +69,7 @@ class JointSpline:
         w = -(c + np.copysign(np.sqrt(np.maximum(c * c - a * d, 0.0)), c))
         found = [p0, p1]
         for over, under in ((w, a), (d, w)):
-            b = np.clip(np.divide(over, under, out=np.zeros_like(w), where=np.abs(under) > _SMALLEST), 0, 1)
+            b = np.clip(np.divide(over, under, out=np.zeros_like(w), where=np.abs(under) > SMALLEST), 0, 1)
             left = 1 - b
             found.append(left * p0 + b * p1 + ((left**3 - left) * m0 + (b**3 - b) * m1) * h / 6)
         return np.min(found, axis=0), np.max(found, axis=0)
@@ -111,7 +112,7 @@ def _with_support(waypoints: Array, support: float, ringing: float) -> Array:
     that is too much, extra points hold it on the line. The ringing decays by a factor of about four a knot, so that
     the spacing may double from knot to knot.
     """
-    moved = np.append(True, np.abs(np.diff(waypoints, axis=0)).max(axis=1) > _SMALLEST)
+    moved = np.append(True, np.abs(np.diff(waypoints, axis=0)).max(axis=1) > SMALLEST)
     points = waypoints[moved]
     if len(points) < 2:
         raise InputError(

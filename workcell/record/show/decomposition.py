@@ -19,7 +19,13 @@ from workcell.record.read.stage import Stage, Thing
 from workcell.record.render.raster import Camera
 from workcell.record.render.shade import Line
 from workcell.record.render.tessellate import balls, tessellate
-from workcell.record.shapes import Shape, piece_shape, polytope_shape
+from workcell.record.shapes import (
+    OBSTACLE_SPHERE_RGBA,
+    ROBOT_SPHERE_RGBA,
+    Shape,
+    piece_shape,
+    polytope_shape,
+)
 from workcell.record.show.planner_view import COLOURS, box_edges
 from workcell.record.show.studio import Studio
 
@@ -27,8 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_ROBOT, _OBSTACLE = (0.82, 0.38, 0.04, 1.0), (0.36, 0.42, 0.48, 0.45)
-_ROBOT_SPHERE, _OBSTACLE_SPHERE = (0.20, 0.60, 0.85, 0.35), (0.36, 0.42, 0.48, 0.25)
+_ROBOT, _OBSTACLE = (0.82, 0.38, 0.04, 1.0), (*OBSTACLE_SPHERE_RGBA[:3], 0.45)
 _CUBOID, _POLYTOPE = (0.25, 0.65, 0.35, 0.14), (0.69, 0.16, 0.42, 0.14)
 _EDGE_RGB = (0.2, 0.2, 0.2)
 _DPI, _PANEL_PX = 100, 500
@@ -166,9 +171,9 @@ def _things(d: Decomposition, window: Array) -> list[Thing]:
     near = np.all((cover.centre > window[0] - 0.2) & (cover.centre < window[1] + 0.2), axis=1)
     cuboids = zip(d.free_space.lower, d.free_space.upper, strict=True)
     spheres = [
-        ("spheres", "arm", centres[~fixed], radii[~fixed], _ROBOT_SPHERE),
-        ("spheres", "base", centres[fixed], radii[fixed], _ROBOT_SPHERE),
-        ("obstacle_spheres", "all", cover.centre[near], cover.radius[near], _OBSTACLE_SPHERE),
+        ("spheres", "arm", centres[~fixed], radii[~fixed], ROBOT_SPHERE_RGBA),
+        ("spheres", "base", centres[fixed], radii[fixed], ROBOT_SPHERE_RGBA),
+        ("obstacle_spheres", "all", cover.centre[near], cover.radius[near], OBSTACLE_SPHERE_RGBA),
     ]
     return [
         *(_solids("robots", piece.name, [piece_shape(piece, np.array(_ROBOT))]) for piece in d.robot_pieces),

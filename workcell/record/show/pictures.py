@@ -19,15 +19,8 @@ if TYPE_CHECKING:
 
     from workcell.record.read.review import Review
 
-_SOLID = ("robots", "objects", "obstacles")
-_OPAQUE = 0.98
-_MOMENTS = 6
 _COLUMNS = 3
 _TILE, _ALONE = (480, 360), (726, 544)
-_LABEL_OFFSETS = ((16, 15), (16, -17), (-38, 15), (-38, -17))
-_VIEW = (800, 600)
-_BLAMED = "#d03030"
-_BANNER = {"achieved": "#2e7d32", "not achieved": "#b3261e", "incomplete": "#b7791f"}
 
 
 def contact_sheet(review: Review) -> Figure:

@@ -17,7 +17,7 @@ from workcell.model.robot import Robot
 from workcell.model.scene import Scene
 from workcell.model.scene_parts import Goal, SceneRobot
 from workcell.pose import Array, Pose
-from workcell.record.shapes import piece_shape
+from workcell.record.shapes import OBSTACLE_SPHERE_RGBA, ROBOT_SPHERE_RGBA, piece_shape
 from workcell.record.write import scenery
 from workcell.record.write.blueprint import make_blueprint
 from workcell.record.write.cuboid_use import CuboidUse
@@ -36,9 +36,7 @@ JOINT_POSITIONS = "joint_positions"
 
 _PLAN_RGBA = (0.15, 0.45, 0.95, 1.0)
 _TRACE_RGBA = (0.95, 0.55, 0.05, 1.0)
-_SPHERE_RGBA = (0.20, 0.60, 0.85, 0.35)
 _NEAREST_RGBA = (0.90, 0.10, 0.15, 1.0)
-_OBSTACLE_RGBA = (0.36, 0.42, 0.48, 0.25)
 _BLAME_RGBA = (0.90, 0.10, 0.10, 0.55)
 _CLOSEST_RGBA = (0.95, 0.60, 0.10, 0.35)
 
@@ -154,7 +152,9 @@ class SceneLog:
             path = f"world/robots/{entity(robot.name)}/spheres/{entity(robot.robot.link_names[link])}"
             mine = cover.link == link
             centres = T_body_link.apply(cover.centre[mine])
-            self._writer.log_spheres(path, centres, cover.radius[mine], _SPHERE_RGBA, self._carriers[body])
+            self._writer.log_spheres(
+                path, centres, cover.radius[mine], ROBOT_SPHERE_RGBA, self._carriers[body]
+            )
         self._cuboids.add_cover(robot, cover)
         self._locate()
         self.flush()
@@ -184,7 +184,7 @@ class SceneLog:
     def log_obstacle_cover(self, cover: SphereCover) -> None:
         """Spheres of obstacles, in the world frame."""
         self._writer.log_spheres(
-            "world/obstacle_spheres/all", cover.centre, cover.radius, _OBSTACLE_RGBA, "world"
+            "world/obstacle_spheres/all", cover.centre, cover.radius, OBSTACLE_SPHERE_RGBA, "world"
         )
         self.flush()
 

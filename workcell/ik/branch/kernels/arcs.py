@@ -6,8 +6,7 @@ import numpy as np
 
 from workcell.ik.branch.kernels.state import SLACK
 from workcell.jit import exact_inner, exact_kernel
-
-_TURN = 2.0 * np.pi
+from workcell.kernels.constants import TURN
 
 
 @exact_inner
@@ -18,9 +17,9 @@ def gap_before(u: float, inner: float, outer: float) -> float:
     """
     if u <= outer:
         return max(inner - u, 0.0)
-    if u <= _TURN - inner:
-        return max(_TURN - outer - u, 0.0)
-    return _TURN + inner - u
+    if u <= TURN - inner:
+        return max(TURN - outer - u, 0.0)
+    return TURN + inner - u
 
 
 @exact_inner
@@ -30,9 +29,9 @@ def clip_to_arcs(phase: float, inner: float, outer: float, lower: float, upper: 
         inner = max(inner - SLACK, 0.0)
     outer = min(outer + SLACK, np.pi)
     u = lower - phase
-    u -= _TURN * np.floor(u / _TURN)
+    u -= TURN * np.floor(u / TURN)
     v = phase - upper
-    v -= _TURN * np.floor(v / _TURN)
+    v -= TURN * np.floor(v / TURN)
     return lower + gap_before(u, inner, outer), upper - gap_before(v, inner, outer)
 
 
@@ -104,10 +103,10 @@ def range_of_band(a: float, b: float, c: float, lower: float, upper: float) -> t
     phase = np.arctan2(c, b)
     at_lower, at_upper = np.cos(lower - phase), np.cos(upper - phase)
     low, high = min(at_lower, at_upper), max(at_lower, at_upper)
-    turns = np.ceil((lower - phase) / _TURN - SLACK)
-    if phase + turns * _TURN <= upper + SLACK:
+    turns = np.ceil((lower - phase) / TURN - SLACK)
+    if phase + turns * TURN <= upper + SLACK:
         high = 1.0
-    turns = np.ceil((lower - phase - np.pi) / _TURN - SLACK)
-    if phase + np.pi + turns * _TURN <= upper + SLACK:
+    turns = np.ceil((lower - phase - np.pi) / TURN - SLACK)
+    if phase + np.pi + turns * TURN <= upper + SLACK:
         low = -1.0
     return a + amplitude * low - slack, a + amplitude * high + slack

@@ -8,10 +8,9 @@ from workcell.ik.branch.kernels.obstacles import sphere_centre
 from workcell.ik.branch.kernels.state import Chain, forward
 from workcell.ik.branch.kernels.world import World, signed_distance
 from workcell.jit import exact_inner
+from workcell.kernels.constants import ROTATION_WEIGHT
 from workcell.pose import Array
 
-ROTATION_WEIGHT = 0.3
-"""Metres that a radian weighs in the residual."""
 _HINGE_MARGIN = 2e-4
 _HINGE_WEIGHT = 0.15
 """Beside a metre of pose error; soft, so that a start reaches the pose first and then slides clear."""

@@ -7,15 +7,16 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from workcell.kernels.pose_error import ROTATION_WEIGHT
+from workcell.kernels import constants
 
 D = wp.float64
 Residual = wp.types.vector(length=6, dtype=D)
 Target = wp.types.vector(length=7, dtype=D)
 """Position and quaternion wxyz."""
 
-_WEIGHT = wp.constant(D(ROTATION_WEIGHT))
-_TURN = wp.constant(D(6.283185307179586))
+WEIGHT = wp.constant(D(constants.ROTATION_WEIGHT))
+HUGE = wp.constant(D(constants.HUGE))
+_TURN = wp.constant(D(constants.TURN))
 _PI = wp.constant(D(3.141592653589793))
 
 
@@ -44,7 +45,7 @@ def pose_error(R: wp.mat33d, p: wp.vec3d, target: Target):
     x, y, z = half * (E[2, 1] - E[1, 2]), half * (E[0, 2] - E[2, 0]), half * (E[1, 0] - E[0, 1])
     sine = wp.sqrt(x * x + y * y + z * z)
     cosine = half * (E[0, 0] + E[1, 1] + E[2, 2] - D(1.0))
-    factor = _WEIGHT
+    factor = WEIGHT
     if sine < D(1e-6) and cosine < D(0.0):
         # A half turn: the axis comes from the diagonal, any sign serves.
         x = wp.sqrt(wp.max(E[0, 0] + D(1.0), D(0.0)))
@@ -56,9 +57,9 @@ def pose_error(R: wp.mat33d, p: wp.vec3d, target: Target):
             x, z = _copysign(x, E[0, 1] + E[1, 0]), _copysign(z, E[1, 2] + E[2, 1])
         else:
             x, y = _copysign(x, E[0, 2] + E[2, 0]), _copysign(y, E[1, 2] + E[2, 1])
-        factor = _WEIGHT * _PI / wp.sqrt(x * x + y * y + z * z)
+        factor = WEIGHT * _PI / wp.sqrt(x * x + y * y + z * z)
     elif sine > D(1e-9):
-        factor = _WEIGHT * wp.atan2(sine, cosine) / sine
+        factor = WEIGHT * wp.atan2(sine, cosine) / sine
     return Residual(target[0] - p[0], target[1] - p[1], target[2] - p[2], factor * x, factor * y, factor * z)
 
 
@@ -106,7 +107,7 @@ def chain(n: int) -> SimpleNamespace:
                 v = wp.cross(z, p - wp.vec3d(lines[3, k], lines[4, k], lines[5, k]))
                 for r in range(3):
                     J[r, k] = v[r]
-                    J[r + 3, k] = _WEIGHT * z[r]
+                    J[r + 3, k] = WEIGHT * z[r]
             else:
                 for r in range(3):
                     J[r, k] = z[r]

@@ -6,10 +6,8 @@ from collections.abc import Callable
 
 import warp as wp
 
-from workcell.ik.hjcd.gpu.chain import D, Residual, Target, chain, pose_error
-from workcell.kernels.pose_error import ROTATION_WEIGHT
+from workcell.ik.hjcd.gpu.chain import WEIGHT, D, Residual, Target, chain, pose_error
 
-_WEIGHT = wp.constant(D(ROTATION_WEIGHT))
 Moves = wp.types.vector(length=4, dtype=D)
 """Joint and motion for position, joint and motion for rotation; joint -1 where none helps."""
 
@@ -28,9 +26,9 @@ def best_turns(n: int) -> Callable[..., object]:
     ):  # fmt: skip
         """`Moves`; the formulas are those of `workcell.ik.hjcd.kernels.descent`."""
         away, turned = wp.vec3d(e[0], e[1], e[2]), wp.vec3d(e[3], e[4], e[5])
-        square, angle = wp.dot(away, away), wp.length(turned) / _WEIGHT
+        square, angle = wp.dot(away, away), wp.length(turned) / WEIGHT
         w = wp.cos(D(0.5) * angle)
-        scale = wp.sin(D(0.5) * angle) / wp.max(_WEIGHT * angle, D(1e-12))
+        scale = wp.sin(D(0.5) * angle) / wp.max(WEIGHT * angle, D(1e-12))
         moves = Moves(D(-1.0), D(0.0), D(-1.0), D(0.0))
         nearest, straightest = square * (D(1.0) - D(1e-6)), w + D(1e-9)
         for k in range(N):

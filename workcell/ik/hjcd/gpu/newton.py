@@ -10,14 +10,14 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from workcell.ik.hjcd.gpu.chain import D, Residual, Target, chain, pose_error
+from workcell.ik.hjcd.gpu.chain import HUGE, D, Residual, Target, chain, pose_error
 from workcell.ik.hjcd.kernels.newton import ITERATIONS, LONGEST_STEP, PROGRESS, ROUND
 
 Gram = wp.types.matrix(shape=(6, 6), dtype=D)
 _LONGEST = wp.constant(D(LONGEST_STEP))
 _PROGRESS = wp.constant(D(PROGRESS))
 _ROUND, _ITERATIONS = wp.constant(ROUND), wp.constant(ITERATIONS)
-_HUGE, _TINY = wp.constant(D(1e300)), wp.constant(D(1e-300))
+_TINY = wp.constant(D(1e-300))
 
 
 @wp.func
@@ -143,7 +143,7 @@ def _fallbacks(n: int) -> SimpleNamespace:
     ):  # fmt: skip
         """The first trial that lowers the cost: half and quarter step, dogleg, single joint; else the last."""
         trial = q
-        reached = _HUGE
+        reached = HUGE
         for attempt in range(4):
             if not reached < cost:
                 step = newton

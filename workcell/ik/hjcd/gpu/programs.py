@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from workcell.ik.hjcd.gpu.chain import D, Target, chain
+from workcell.ik.hjcd.gpu.chain import HUGE, D, Target, chain
 from workcell.ik.hjcd.gpu.descent import descent
 from workcell.ik.hjcd.gpu.newton import newton
 
@@ -43,7 +43,7 @@ def programs(n: int) -> SimpleNamespace:
         reached, square = descend_one(frames, bounds, targets[i], sweeps, q[i, j])
         q[i, j] = reached
         # A residual that is no number (a target that is none) ranks last.
-        cost[i, j] = wp.where(wp.isfinite(square), square, D(1e300))
+        cost[i, j] = wp.where(wp.isfinite(square), square, HUGE)
 
     @wp.kernel(module=module)
     def copy(
@@ -69,7 +69,7 @@ def programs(n: int) -> SimpleNamespace:
         i, j = wp.tid()
         reached, square = polish_one(frames, bounds, targets[i], accuracy, q[i, j])
         q[i, j] = reached
-        cost[i, j] = wp.where(wp.isfinite(square), square, D(1e300))
+        cost[i, j] = wp.where(wp.isfinite(square), square, HUGE)
 
     @wp.kernel(module=module)
     def winners(

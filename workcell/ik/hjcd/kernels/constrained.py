@@ -10,18 +10,15 @@ from workcell.ik.hjcd.kernels.newton import polish
 from workcell.jit import inner, kernel
 from workcell.kernels.chain import Arm, forward
 from workcell.kernels.cholesky import factor6, gram, solve6
+from workcell.kernels.constants import HUGE
 from workcell.kernels.contacts import MOST_CONTACTS, Contacts, collect, contact_row, room
-from workcell.kernels.null_space_qp import hildreth, project
+from workcell.kernels.null_space_qp import DEEPEST, LOOK_AHEAD, hildreth, project
 from workcell.kernels.pose_error import jacobian, pose_error, read_target
 from workcell.kernels.structures import Work, World, scratch
 from workcell.pose import Array
 
-LOOK_AHEAD = 0.03
-"""Metres of clearance within which a pair is a constraint."""
 WANTED = 3e-4
 """Metres beyond the required clearance that a step aims at."""
-DEEPEST = 0.02
-"""Metres that a step asks a pair to move apart at most: linearisation holds no further."""
 SWEEPS = 60
 """Passes over the constraints of one quadratic program."""
 _LEAST = 1e-8
@@ -33,7 +30,7 @@ def _merit(arm: Arm, target: Array, world: World, q: Array, work: Work, contacts
     """Pose error plus the sum of the missing clearances, in metres; contacts within `LOOK_AHEAD` are collected."""
     forward(arm.frames, q, work.T)
     merit = math.sqrt(pose_error(work.T, target, work.e))
-    collect(world, work.T, world.required + LOOK_AHEAD, -1e300, contacts)
+    collect(world, work.T, world.required + LOOK_AHEAD, -HUGE, contacts)
     for c in range(int(contacts.used[0])):
         merit += max(world.required + WANTED - contacts.rows[c, 0], 0.0)
     return merit

@@ -6,7 +6,8 @@ import math
 
 from workcell.jit import inner
 from workcell.kernels.chain import Arm, forward
-from workcell.kernels.pose_error import ROTATION_WEIGHT, pose_error
+from workcell.kernels.constants import ROTATION_WEIGHT
+from workcell.kernels.pose_error import pose_error
 from workcell.pose import Array
 
 

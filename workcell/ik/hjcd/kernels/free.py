@@ -8,6 +8,7 @@ from workcell.ik.hjcd.kernels.descent import descend
 from workcell.ik.hjcd.kernels.newton import polish
 from workcell.jit import inner, kernel
 from workcell.kernels.chain import Arm, forward
+from workcell.kernels.constants import HUGE
 from workcell.kernels.pose_error import pose_error, read_target, seed
 from workcell.kernels.random import RandomState
 from workcell.kernels.structures import Work, scratch
@@ -49,7 +50,7 @@ def solve_targets(
     work, target, moves, trial = scratch(n), np.empty(12), np.empty(4), np.empty(n)
     for i in range(poses.shape[0]):
         read_target(poses[i], target)
-        cost[i] = 1e300
+        cost[i] = HUGE
         for attempt in range(restarts):
             if attempt == 0 and i < first.shape[0]:
                 for k in range(n):

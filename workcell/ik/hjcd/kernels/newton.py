@@ -7,6 +7,7 @@ import math
 from workcell.jit import inner
 from workcell.kernels.chain import Arm, forward
 from workcell.kernels.cholesky import factor6, gram, solve6
+from workcell.kernels.constants import HUGE
 from workcell.kernels.pose_error import jacobian, move, pose_error
 from workcell.kernels.structures import Work
 from workcell.pose import Array
@@ -91,7 +92,7 @@ def _fall_back(arm: Arm, target: Array, q: Array, cost: float, work: Work, e: Ar
     for k in range(n):
         square += g[k] * g[k]
     if image < 1e-300 or square < 1e-300:
-        return 1e300
+        return HUGE
     radius = min(0.1 * LONGEST_STEP, 0.5 * _length(work.newton))
     length = min(square / image, radius / math.sqrt(square))
     for k in range(n):

@@ -16,6 +16,7 @@ from workcell.ik.hjcd.kernels.slide import slide
 from workcell.ik.hjcd.kernels.trace import Walked, accept, remember, walk, was_walked
 from workcell.jit import inner, kernel
 from workcell.kernels.chain import Arm, forward
+from workcell.kernels.constants import HUGE
 from workcell.kernels.contacts import Contacts, collect, room
 from workcell.kernels.pose_error import read_target
 from workcell.kernels.random import uniform
@@ -174,7 +175,7 @@ def search(
             continue
         counts[POSES] += 1
         forward(arm.frames, q, work.T)
-        gap = collect(world, work.T, world.required, -1e300, contacts)
+        gap = collect(world, work.T, world.required, -HUGE, contacts)
         if gap >= world.required:
             for k in range(n):
                 out[k] = q[k]

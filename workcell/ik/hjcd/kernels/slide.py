@@ -5,6 +5,7 @@ from __future__ import annotations
 from workcell.jit import inner
 from workcell.kernels.chain import Arm, forward
 from workcell.kernels.cholesky import factor, solve
+from workcell.kernels.constants import HUGE
 from workcell.kernels.contacts import Contacts, collect, contact_row
 from workcell.kernels.pose_error import jacobian, move, pose_error
 from workcell.kernels.structures import Work, World
@@ -22,7 +23,7 @@ def _cost(
     forward(arm.frames, q, work.T)
     cost = pose_error(work.T, target, work.e)
     wanted = world.required + HINGE_MARGIN
-    gap = collect(world, work.T, wanted, -1e300, contacts)
+    gap = collect(world, work.T, wanted, -HUGE, contacts)
     for c in range(int(contacts.used[0])):
         cost += (wanted - contacts.rows[c, 0]) ** 2
     return cost, gap - world.required

@@ -17,6 +17,7 @@ from workcell.ik.hjcd.kernels.newton import polish
 from workcell.jit import inner
 from workcell.kernels.chain import Arm, forward
 from workcell.kernels.cholesky import factor6, gram, solve6
+from workcell.kernels.constants import HUGE, TURN
 from workcell.kernels.contacts import Contacts, collect, idle_stretch
 from workcell.kernels.pose_error import jacobian, move, pose_error
 from workcell.kernels.structures import Work, World
@@ -36,7 +37,6 @@ MOST_ARC = 60.0
 """Radians after which a walk ends."""
 MEMORY = 6000
 """Points of walked curves that are remembered."""
-_TURN = 2 * math.pi
 
 
 class Walked(NamedTuple):
@@ -50,7 +50,7 @@ class Walked(NamedTuple):
 def _offset(arm: Arm, k: int, difference: float) -> float:
     """A joint's difference modulo whole turns."""
     if arm.frames[k + 1, 12] == 0.0:
-        return difference - _TURN * math.floor(difference / _TURN + 0.5)
+        return difference - TURN * math.floor(difference / TURN + 0.5)
     return difference
 
 
@@ -111,7 +111,7 @@ def _correct(arm: Arm, target: Array, held: Array, q: Array, work: Work) -> floa
 
     Joints with held (n,) not zero keep their values: their columns are struck out.
     """
-    cost = 1e300
+    cost = HUGE
     for _ in range(4):
         forward(arm.frames, q, work.T)
         cost = pose_error(work.T, target, work.e)

@@ -9,13 +9,11 @@ import numpy as np
 
 from workcell.jit import inner
 from workcell.kernels.chain import Arm, forward
+from workcell.kernels.constants import HUGE, ROTATION_WEIGHT
 from workcell.kernels.contacts import MOST_CONTACTS, Contacts, collect, room
-from workcell.kernels.pose_error import ROTATION_WEIGHT, jacobian
+from workcell.kernels.pose_error import jacobian
 from workcell.kernels.structures import Work, World, scratch
 from workcell.pose import Array
-
-LOOK_AHEAD = 0.03
-"""Metres of clearance within which a pair is a constraint."""
 
 
 class Room(NamedTuple):
@@ -112,7 +110,7 @@ def look(
     work = space.work
     forward(arm.frames, q, work.T)
     coordinates(work.T, target, box[6] != 0.0, space.x, space.turn)
-    gap = collect(world, work.T, margin, -1e300, space.contacts)
+    gap = collect(world, work.T, margin, -HUGE, space.contacts)
     square = 0.0
     for r in range(6):
         weight = 1.0 if r < 3 else ROTATION_WEIGHT

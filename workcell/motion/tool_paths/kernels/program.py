@@ -16,11 +16,11 @@ from __future__ import annotations
 from workcell.jit import inner
 from workcell.kernels.chain import Arm
 from workcell.kernels.cholesky import factor6, gram, solve6
+from workcell.kernels.constants import ROTATION_WEIGHT
 from workcell.kernels.contacts import contact_row
-from workcell.kernels.null_space_qp import hildreth, project
-from workcell.kernels.pose_error import ROTATION_WEIGHT
+from workcell.kernels.null_space_qp import DEEPEST, LOOK_AHEAD, hildreth, project
 from workcell.kernels.structures import World
-from workcell.motion.tool_paths.kernels.coordinates import LOOK_AHEAD, Room, rates
+from workcell.motion.tool_paths.kernels.coordinates import Room, rates
 from workcell.pose import Array
 
 SWEEPS = 40
@@ -29,8 +29,6 @@ _LEAST = 1e-7
 """Square of a gradient's part in the null space from which its bound can be kept there."""
 WANTED = 2e-4
 """Metres beyond the required clearance that a step aims at."""
-DEEPEST = 0.02
-"""Metres that a step asks a pair to move apart at most: linearisation holds no further."""
 INSIDE = 0.98
 """Share of a tolerance that steps aim at."""
 _DAMPING = 1e-10

@@ -12,16 +12,11 @@ import numpy as np
 
 from workcell.jit import inner, kernel
 from workcell.kernels.chain import Arm, forward
+from workcell.kernels.constants import HUGE
 from workcell.kernels.contacts import contact_row
+from workcell.kernels.null_space_qp import LOOK_AHEAD
 from workcell.kernels.structures import World
-from workcell.motion.tool_paths.kernels.coordinates import (
-    LOOK_AHEAD,
-    Room,
-    coordinates,
-    look,
-    new_room,
-    rates,
-)
+from workcell.motion.tool_paths.kernels.coordinates import Room, coordinates, look, new_room, rates
 from workcell.motion.tool_paths.kernels.program import equalities, program
 from workcell.pose import Array
 
@@ -116,7 +111,7 @@ def _settle(
     """Programs from q (n,), in place, until the tool is at its target and all clear; code, error and clearance."""
     n = q.shape[0]
     work = space.work
-    error, gap = 1e300, -1e300
+    error, gap = HUGE, -HUGE
     wished = 0.0
     for k in range(n):
         wished = max(wished, abs(space.wish[k]))

@@ -15,8 +15,8 @@ from workcell.ik.result import IKResult
 from workcell.ik.solve import solve
 from workcell.motion.body import Upright
 from workcell.motion.path import Path
-from workcell.motion.plans.by_checker import PlanSettings
 from workcell.motion.plans.in_scene import plan_in_world
+from workcell.motion.plans.result import PlanSettings
 from workcell.motion.teams.team import Team, carry
 from workcell.motion.tool_paths.follow import FollowLimits, follow, local_solver, step_solver
 from workcell.motion.tool_paths.poses import PathTolerance

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from workcell.errors import InputError
-from workcell.motion.plans.by_checker import PlanSettings, PlanStatus, connect, plan
+from workcell.motion.plans.by_checker import connect, plan
+from workcell.motion.plans.result import PlanSettings, PlanStatus
 
 START, GOAL = np.array([-0.8, 0.0, 0.0]), np.array([0.8, 0.0, 0.0])
 

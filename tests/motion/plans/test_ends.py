@@ -12,10 +12,10 @@ from workcell.errors import InputError
 from workcell.geometry.types import Piece
 from workcell.ik.problem import Budget, IKProblem
 from workcell.motion.body import BodyClearance, Upright, pack_body
-from workcell.motion.plans.by_checker import PlanSettings
 from workcell.motion.plans.compiled import Effort, search
 from workcell.motion.plans.ends import checked_end, nearest_free
 from workcell.motion.plans.optimise import optimise
+from workcell.motion.plans.result import PlanSettings
 from workcell.motion.plans.to_pose import plan_to_pose
 from workcell.motion.timing.phase_plane import rest_to_rest
 from workcell.pose import Pose

@@ -9,8 +9,8 @@ from workcell.model.collision_model import CollisionModel
 from workcell.model.scene import Scene
 from workcell.motion.body import Upright
 from workcell.motion.path import Path
-from workcell.motion.plans.by_checker import PlanSettings
 from workcell.motion.plans.in_scene import plan_in_world
+from workcell.motion.plans.result import PlanSettings
 from workcell.motion.proofs.on_model import prove_path
 from workcell.pose import Pose
 from workcell.world.planning_world import PlanningWorld

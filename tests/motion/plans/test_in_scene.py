@@ -10,8 +10,8 @@ from workcell.model.collision_model import CollisionModel
 from workcell.model.scene import Scene
 from workcell.motion.body import Upright
 from workcell.motion.path import Path, Trajectory
-from workcell.motion.plans.by_checker import PlanSettings
 from workcell.motion.plans.in_scene import plan_in_world
+from workcell.motion.plans.result import PlanSettings
 from workcell.motion.proofs.on_model import link_motion, prove_path, trajectory_clearance
 from workcell.world.planning_world import PlanningWorld
 

@@ -9,6 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 SHOWN = {
+    "ask_cidgik": ("SOLVED: ", "at [0.7 0.1 0.4]", "UNREACHABLE; the proof, checked again: it holds"),
     "ask_why_not": ("BLOCKED: ", "it would be possible without the obstacle beam", "in the way: beam"),
     "clear_by_gradient": ("of 2000 random configurations are clear", "up the gradient it ends "),
     "follow_a_circle": ("FOLLOWED: ", "radius 100.00 mm"),
@@ -16,6 +17,12 @@ SHOWN = {
         "UNREACHABLE: ",
         "checked again: it holds",
         "the certificate belongs to another problem",
+    ),
+    "keep_a_table": (
+        "62 spheres, 38 cuboids, 89% of the pairs are possible",
+        "of other cuboids: ",
+        "another robot, cover or free space",
+        "asked with the table: SOLVED",
     ),
     "many_targets": ("100.0% of 2000 targets", "all within the joint limits: True"),
     "obstacles_in_python": ("a wall and a post: SOLVED", "a block as well: BLOCKED_IN_MODEL", "inside block"),

@@ -19,6 +19,7 @@ _PROVIDERS = (
     "workcell.bench.ik.branch",
     "workcell.bench.motion.plans",
     "workcell.bench.motion.plans_optimal",
+    "workcell.bench.motion.proofs",
     "workcell.bench.motion.timing",
     "workcell.bench.runs.tasks",
     "workcell.bench.motion.tool_paths",

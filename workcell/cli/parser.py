@@ -93,7 +93,8 @@ def _add_models(commands: Commands) -> None:
         "--table",
         type=values.file_name,
         metavar="FILE.npz",
-        help="write which sphere can be in which cuboid, for later planning",
+        help="write which sphere can be in which cuboid, for later planning "
+        "(`load_table` of workcell.geometry.free_space.admissible reads it)",
     )
     decompose.add_argument(
         "--rrd",

@@ -1,10 +1,8 @@
-"""Benches of planning, proof and timing."""
+"""Benches of planning: problem-set files, by our planner and by OMPL's."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -13,15 +11,13 @@ from workcell.bench.reference import ompl as plan_ompl
 from workcell.bench.reference.robots import bench_robot
 from workcell.bench.rows import Bench, Row
 from workcell.errors import InputError
-from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.hjcd.solver import collect_solutions
 from workcell.ik.problem import Budget
-from workcell.motion.body import BodyClearance, pack_body
+from workcell.motion.body import pack_body
 from workcell.motion.plans.goals import GOALS, ROOM
 from workcell.motion.plans.to_pose import plan_to_pose
 from workcell.motion.proofs.judge import judge_path
-from workcell.motion.proofs.on_spheres import CoverProver
-from workcell.pose import Array, Pose
+from workcell.pose import Array
 from workcell.sets.problems import NamedProblem, ProblemSet, load_problem_set
 from workcell.sets.reports import cpu_figures
 from workcell.sets.solving import problem_seed
@@ -43,8 +39,6 @@ FILES = (
 """Problem-set files and the CPU seconds that each problem gets."""
 OMPL_PLANNERS = (("RRTConnect", 3.0, True), ("BITstar", 0.5, False))
 """Planners of OMPL, the seconds they get, and whether their paths are simplified."""
-_DENSE = 1e-4
-"""Radians between the configurations that a proof is checked against."""
 
 
 def plan_rows(n: int, seed: int, sets: Path | None) -> list[Row]:
@@ -150,100 +144,7 @@ def path_row(
     }
 
 
-def proof_rows(n: int, seed: int, sets: Path | None) -> list[Row]:
-    """Proofs of random joint paths of the Sawyer among 30 boxes, checked densely; planted grazes; plans.
-
-    The Sawyer has 22 spheres or so.
-    """
-    robot, cover = bench_robot("sawyer")
-    rng = np.random.default_rng(seed)
-    proved, wrong, missed, cpu, looks = 0, 0, 0, [], []
-    found, planted, missed_by = 0, 0, []
-    for k in range(n):
-        if k % 20 == 0:
-            boxes = _boxes(rng, 30)
-            prover = CoverProver(robot, cover, boxes)
-            prover.path(np.zeros((2, robot.dof)))
-        points = _random_path(rng, robot.joint_limits)
-        began = time.process_time()
-        proof = prover.path(points)
-        cpu.append(time.process_time() - began)
-        looks.append(float(proof.evaluations))
-        dense = _smallest(prover.clearance, points, max(proof.margin, 0.0) + 1e-3)
-        proved += proof.proved
-        wrong += proof.proved and dense < max(proof.margin, 0.0) - 1e-9
-        missed += not proof.proved and dense > 1e-5
-        if proof.proved:
-            planted += 1
-            graze = CoverProver(robot, cover, (*boxes, _graze(prover, cover, points, rng))).path(points)
-            found += not graze.proved
-            missed_by.append(graze.evaluations)
-    mean, median, p95 = cpu_figures(cpu)
-    return [
-        {
-            "row": "sawyer/random-paths/proof",
-            "n": n,
-            "proved": proved,
-            "wrong": wrong,
-            "refused_though_clear": missed,
-            "grazes_planted": planted,
-            "grazes_found": found,
-            "cpu_ms_mean": mean,
-            "cpu_ms_median": median,
-            "cpu_ms_p95": p95,
-            "cpu_ms_max": 1e3 * max(cpu),
-            "looks_median": float(np.median(looks)),
-            "spheres": len(cover),
-        }
-    ]
-
-
-def _boxes(rng: np.random.Generator, count: int) -> tuple[Piece, ...]:
-    """Boxes around the robot, none within 0.25 m of its base's axis."""
-    pieces: list[Piece] = []
-    while len(pieces) < count:
-        centre, half = rng.uniform([-1, -1, -0.3], [1, 1, 1.2]), rng.uniform(0.02, 0.1, 3)
-        if np.hypot(*centre[:2]) > 0.25 + np.hypot(*half[:2]):
-            pieces.append(Piece(f"box {len(pieces)}", "box", Pose.from_xyz(centre), half))
-    return tuple(pieces)
-
-
-def _random_path(rng: np.random.Generator, limits: Array) -> Array:
-    """Two to four corners, 0.05 to 1 rad apart."""
-    points = [rng.uniform(limits[:, 0], limits[:, 1])]
-    for _ in range(int(rng.integers(1, 4))):
-        step = rng.normal(size=len(limits))
-        moved = points[-1] + step / np.linalg.norm(step) * rng.uniform(0.05, 1.0)
-        points.append(np.clip(moved, limits[:, 0], limits[:, 1]))
-    return np.array(points)
-
-
-def _smallest(clearance: BodyClearance, points: Array, limit: float) -> float:
-    """The smallest clearance at configurations `_DENSE` radians apart; what is above `limit` is of no interest."""
-    smallest = np.inf
-    for a, b in pairwise(points):
-        count = max(2, int(np.abs(b - a).max() / _DENSE) + 1)
-        smallest = min(
-            smallest, float(clearance.many(a + np.linspace(0, 1, count)[:, None] * (b - a), limit).min())
-        )
-    return smallest
-
-
-def _graze(prover: CoverProver, cover: SphereCover, points: Array, rng: np.random.Generator) -> Piece:
-    """A ball of 1 cm that some moving sphere enters by 1 mm at a random place of the path."""
-    q = points[0] + rng.uniform(0.2, 0.8) * (points[1] - points[0])
-    centres = cover.centres_world(prover.robot.link_transforms(q))
-    sphere = int(rng.choice(np.flatnonzero(cover.link >= 3)))
-    away = rng.normal(size=3)
-    away /= np.linalg.norm(away)
-    place = centres[sphere] + (cover.radius[sphere] + 0.01 - 1e-3) * away
-    return Piece("graze", "sphere", Pose.from_xyz(place), np.array([0.01]))
-
-
 BENCHES = (
     Bench("plan", 50, f"workcell plan on problem-set files; paths keep {1e3 * ROOM:g} mm where they can", plan_rows),
     Bench("plan-ompl", 20, "OMPL with the compiled proof of edges, on the same files (extra: ompl)", ompl_rows),
-    Bench(
-        "plan-proof", 1000, "continuous proofs of random paths, checked every 1e-4 rad, and planted grazes", proof_rows
-    ),
 )  # fmt: skip

@@ -4,7 +4,7 @@
     goal = Goal.pointing("tool", [0.6, 0.2, 0.5], [0.0, 0.0, -1.0])
     answer = solve_query(Query(arm, (goal,), Workspace(Points.joints(arm), Balls(centres, radii))))
 
-`workcell.ik.solve` asks it about an `IKProblem`.
+`workcell.ik.solve` asks it about an `IKProblem`; `examples/ask_cidgik.py` asks it so.
 """
 
 from __future__ import annotations

@@ -96,7 +96,8 @@ class IKProblem:
             its own kinematics; None: its own alone.
         q_reference: a configuration to stay near, and from which `max_step` is measured; None: anywhere.
         max_step: largest change of each joint against `q_reference` (scalar or (n,)), radians; None: no bound.
-        max_link_rotation: bound r_b of Eq. 75 on the Frobenius change of each link's world rotation; None: no bound.
+        max_link_rotation: bound on the Frobenius change of each link's world rotation (r_b in Eq. 75 of
+            IKSPARK, see `workcell.ik.ikspark.solver`); None: no bound.
         tolerances: what counts as reached.
         goal: what of the target counts, see `Goal`; the rotation's tolerance bounds the tilt of the z axis for `axis`.
         self_collision: (p, 2) pairs of the cover's spheres that must keep clear of each other; None: none.

@@ -2,8 +2,8 @@
 
 A ball of radius r around a point whose signed distance to a convex piece is s sticks out of it by exactly `r + s`. So a
 centre may have the radius `overshoot - s`, and the best cover is the smallest set of such balls that holds the pieces:
-a greedy set cover over sample points, thinned and tightened, and then proved by subdivision (`cover_proof`), which
-names the cells that samples have missed until none is left.
+a greedy set cover over sample points, thinned and tightened, and then proved by subdivision
+(`workcell.geometry.covers.proof`), which names the cells that samples have missed until none is left.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Free space as axis-aligned cuboids, each proved free: inflation from seeds (Wu and Tron, IKSPARK, Alg. 3)."""
+"""Free space as axis-aligned cuboids, each proved free: inflated from seeds.
+
+Algorithm 3 of IKSPARK (see `workcell.ik.ikspark.solver`).
+"""
 
 from __future__ import annotations
 

@@ -2,7 +2,8 @@
 
 A node is a box of joint angles. Contractors derived from the closure of the chain (axes seen from the base and from the
 target, with bounds on how far they move over the box) shrink it; obstacles exclude it when some sphere collides all
-over it; a local search from its centre ends the tree with a solution; otherwise it is split. See `branch_kernels`.
+over it; a local search from its centre ends the tree with a solution; otherwise it is split. See
+`workcell.ik.branch.kernels`.
 """
 
 from __future__ import annotations

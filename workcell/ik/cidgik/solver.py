@@ -2,7 +2,19 @@
 
 Points on the robot instead of angles: Z = [X I]^T [X I] holds their inner products, in which link lengths, goals,
 spheres and planes are linear. Convex iteration (Problems 4 and 5), restarted from random objectives, leads to matrices
-of rank d, which are configurations; an empty relaxation (Problem 3) proves that there is none.
+of rank d, which are configurations; an empty relaxation (Problem 3) proves that there is none. Numbers of problems,
+equations and tables in this folder are the paper's:
+
+    @article{cidgik,
+      author  = {Giamou, M. and Marić, F. and Rosen, D. M. and Peretroukhin, V. and Roy, N. and
+                 Petrović, I. and Kelly, J.},
+      title   = {Convex Iteration for Distance-Geometric Inverse Kinematics},
+      journal = {IEEE Robotics and Automation Letters},
+      volume  = {7},
+      number  = {2},
+      pages   = {1952--1959},
+      year    = {2022},
+    }
 """
 
 from __future__ import annotations

@@ -1,7 +1,13 @@
 """HJCD-IK with collisions inside: seeds, greedy coordinate descent, Newton polish, then clear of obstacles.
 
-The two phases are those of the paper (PAPERS: HJCD-IK, Sections III and IV), which knows kinematics alone. Here a
-pose in collision slides clear under a hinge on penetration, and an arm with joints to spare walks around its
+The two phases are those of the paper (its sections III and IV), which knows kinematics alone:
+
+    @misc{hjcdik,
+      title = {{HJCD-IK}: {GPU}-Accelerated Inverse Kinematics through Batched Hybrid {Jacobian} Coordinate Descent},
+      url   = {https://github.com/a2r-lab/HJCD-IK},
+    }
+
+Here a pose in collision slides clear under a hinge on penetration, and an arm with joints to spare walks around its
 self-motion curve. All of it is compiled when first called (`prepare` does so ahead of time) and cached on disk.
 """
 

@@ -3,6 +3,12 @@
 The set holds every lifted configuration that reaches the target (`relaxation`); maximising the sum of largest
 eigenvalues, linearised again and again (Problem 3), from the ends of random directions leads to points where all
 blocks have rank 1, which are configurations. If the set is empty, a ray of the dual cone proves that there is none.
+Numbers of problems, equations, algorithms and sections in this folder are the paper's:
+
+    @misc{ikspark,
+      author = {Wu, Liangting and Tron, Roberto},
+      title  = {{IKSPARK}: Obstacle-Aware Inverse Kinematics via Convex Optimization},
+    }
 """
 
 from __future__ import annotations

@@ -221,7 +221,7 @@ class Workspace:
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """A question to CIDGIK itself; `workcell.ik.cidgik.solver.solve_query` answers it.
+    """A question to CIDGIK itself; `workcell.ik.cidgik.query.solve_query` answers it.
 
     Attributes:
         robot: a tree of revolute joints.

@@ -1,6 +1,6 @@
 """Follow a tool path with continuous joint motion, and check what lies between waypoints.
 
-After IKSPARK (arXiv), section VIII.
+After section VIII of IKSPARK (see `workcell.ik.ikspark.solver`).
 
 Pose by pose, the next configuration is an IK problem that carries a continuity constraint: each joint within
 `max_step` of the previous configuration, each link's world rotation within `max_link_rotation` of the previous one

@@ -57,7 +57,8 @@ class FollowLimits:
 
     Attributes:
         max_step: largest joint step between waypoints (radians).
-        max_link_rotation: Eq. 75's r_b on each link's world rotation (Frobenius); None leaves it out.
+        max_link_rotation: r_b in Eq. 75 of IKSPARK, a bound on the change of each link's world rotation
+            (Frobenius); None leaves it out.
         deviation_m, deviation_rad: how far the tool may be from the straight path half-way between waypoints.
         clearance: metres to keep everywhere, between waypoints too.
         max_halvings: how often the distance between two given poses may be halved.

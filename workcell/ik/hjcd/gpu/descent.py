@@ -1,4 +1,7 @@
-"""Greedy orientation-aware coordinate descent in a Warp thread (PAPERS: HJCD-IK, Section IV, Eqs. 8-11)."""
+"""Greedy orientation-aware coordinate descent in a Warp thread.
+
+Section IV, Eqs. 8-11 of HJCD-IK (see `workcell.ik.hjcd.solver`).
+"""
 # mypy: ignore-errors
 
 import functools

@@ -1,6 +1,6 @@
 """Damped Newton polish in a Warp thread: trust radius, backtracking, dogleg, single joint.
 
-PAPERS: HJCD-IK, Eqs. 12-16.
+Section IV, Eqs. 12-16 of HJCD-IK (see `workcell.ik.hjcd.solver`).
 """
 # mypy: ignore-errors
 

@@ -1,4 +1,7 @@
-"""Greedy orientation-aware coordinate descent, HJCD-IK's first phase (PAPERS: Section IV, Eqs. 8-11)."""
+"""Greedy orientation-aware coordinate descent, HJCD-IK's first phase.
+
+Section IV, Eqs. 8-11 of HJCD-IK (see `workcell.ik.hjcd.solver`).
+"""
 
 from __future__ import annotations
 

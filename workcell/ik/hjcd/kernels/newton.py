@@ -1,4 +1,7 @@
-"""Damped Newton polish on the pose within limits: HJCD-IK's second phase (PAPERS: Section IV, Eqs. 12-16)."""
+"""Damped Newton polish on the pose within limits: HJCD-IK's second phase.
+
+Section IV, Eqs. 12-16 of HJCD-IK (see `workcell.ik.hjcd.solver`).
+"""
 
 from __future__ import annotations
 

@@ -20,18 +20,18 @@ def sampling() -> None:
     from tests.ik.arms import beads, box, planar
     from workcell.geometry.engine import ClearanceEngine
     from workcell.ik.elementary import screen
-    from workcell.ik.hjcd import solver as hjcdik
+    from workcell.ik.hjcd.solver import prepare
     from workcell.ik.problem import IKProblem
     from workcell.motion.plans import optimise
-    from workcell.motion.tool_paths import tracker as local
+    from workcell.motion.tool_paths import tracker
 
     arm = planar()
     target, wall = arm.fk(arm.home), box("wall", (2.0, 0.0, 0.0), (0.1, 0.1, 0.1))
     screen.prepare()
-    hjcdik.prepare(IKProblem(arm, target, (wall,), beads(arm)))
-    hjcdik.prepare(IKProblem(arm, target))
+    prepare(IKProblem(arm, target, (wall,), beads(arm)))
+    prepare(IKProblem(arm, target))
     ClearanceEngine(arm, beads(arm), (wall,)).clearance_and_gradient(arm.home)
-    local.prepare_kernels()
+    tracker.prepare_kernels()
     optimise.prepare_optimising()
 
 

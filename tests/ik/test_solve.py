@@ -8,7 +8,6 @@ import pytest
 from tests.ik.arms import beads, box, planar, random_arm, seven
 from workcell.errors import InputError, NotSolvedError, UnknownNameError
 from workcell.geometry.types import Piece, SphereCover
-from workcell.ik import solve as module
 from workcell.ik.certificate import Certificate, problem_hash
 from workcell.ik.elementary.bounds import prove_impossible
 from workcell.ik.judge.verify import verify
@@ -131,7 +130,7 @@ def test_a_solver_that_does_not_apply_is_passed_over_by_auto_alone(monkeypatch):
     with pytest.raises(InputError):
         solve(IKProblem(robot, target), "ikspark")
     turns = (Turn("ikspark", share=0.5), Turn("multistart"))
-    monkeypatch.setattr(module, "auto_turns", lambda dof, goal: turns)
+    monkeypatch.setattr("workcell.ik.solve.auto_turns", lambda dof, goal: turns)
     result = solve(IKProblem(robot, target))
     assert result.solved and "ikspark does not apply" in result.rejected[0]
 

@@ -9,8 +9,7 @@ import pytest
 
 from tests.ik.arms import beads, planar, random_arm, seven
 from tests.sets.documents import problem_set_document
-from workcell.bench.reference import generate as generate_module
-from workcell.bench.reference.generate import generate
+from workcell.bench.reference.generate import KINDS, generate
 from workcell.errors import InputError, UnknownNameError
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.elementary.bounds import prove_impossible
@@ -40,7 +39,7 @@ def test_a_file_is_read_as_it_stands():
     assert np.allclose(first.problem.target.rotation, quat_to_matrix(target["quat"]), atol=1e-8)
 
 
-@pytest.mark.parametrize("kind", tuple(generate_module.KINDS))
+@pytest.mark.parametrize("kind", tuple(KINDS))
 def test_generated_sets_survive_a_file(kind, tmp_path):
     made = generate(seven(), beads(seven(), 0.04), kind, 4, seed=3)
     (tmp_path / "set.json").write_text(json.dumps(problem_set_document(made)))
@@ -66,7 +65,7 @@ def test_generated_unreachable_targets_are_all_proved():
 
 
 def test_generating_what_makes_no_sense(monkeypatch):
-    monkeypatch.setattr(generate_module, "_TRIES", 20)
+    monkeypatch.setattr("workcell.bench.reference.generate._TRIES", 20)
     with pytest.raises(UnknownNameError, match="did you mean workcell"):
         generate(seven(), beads(seven()), "workcel", 1)
     with pytest.raises(InputError, match="last link"):

@@ -14,7 +14,6 @@ from workcell.bench.reference.generate import generate
 from workcell.bench.tables import list_benches, run_bench
 from workcell.errors import InputError, OutputError, UnknownNameError
 from workcell.ik.problem import Budget
-from workcell.sets import answers as answers_module
 from workcell.sets.problems import ProblemSet, load_problem_set
 from workcell.sets.solving import problem_seed, solve_set, verify_answers
 
@@ -199,7 +198,7 @@ def test_answer_files_that_can_not_be_read(seven_set, tmp_path):
 
 
 def test_large_certificates_stand_in_files_beside(seven_set, tmp_path, monkeypatch):
-    monkeypatch.setattr(answers_module, "INLINE_NUMBERS", 0)
+    monkeypatch.setattr("workcell.sets.answers.INLINE_NUMBERS", 0)
     out = tmp_path / "a.jsonl"
     solve_set(seven_set, out=out)
     entry = _lines(out)[3]["certificate"]

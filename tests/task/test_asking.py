@@ -16,7 +16,6 @@ from workcell.record.read.reader import read
 from workcell.record.read.review import review
 from workcell.record.read.stage import Stage
 from workcell.record.write.recording import Recording
-from workcell.task import planning as planning_module
 from workcell.task.job import Job
 from workcell.task.script import TaskFailedError
 
@@ -123,7 +122,7 @@ def test_every_way_of_planning_a_path_is_recorded(job, near, problem, monkeypatc
         solve(problem)
         return NOTHING
 
-    monkeypatch.setattr(planning_module, planner, asks_once)
+    monkeypatch.setattr(f"workcell.task.planning.{planner}", asks_once)
     with pytest.raises(TaskFailedError, match="NOT_FOUND: the way"):
         plan(job, near)
     assert recorded(job) == (["the way"], 1), method

@@ -2,7 +2,7 @@
 
 import pytest
 
-from workcell.bench.runs import tasks as bench
+from workcell.bench.runs import tasks
 from workcell.model.loading.assets import find_task
 
 RUN = {
@@ -33,23 +33,23 @@ def simulated(monkeypatch, summaries):
         asked.append((entry.task, seed, caches))
         return left.pop(0)
 
-    monkeypatch.setattr(bench, "run_process", run)
+    monkeypatch.setattr(tasks, "run_process", run)
     return asked
 
 
 def test_every_task_has_a_row_and_the_traces_one_for_each_arm():
     folder = find_task("blocked").parent
-    assert {entry.task for entry in bench.ENTRIES} == {file.stem for file in folder.glob("*.toml")}
-    arms = [entry.robot for entry in bench.ENTRIES if entry.task == "square_trace"]
+    assert {entry.task for entry in tasks.ENTRIES} == {file.stem for file in folder.glob("*.toml")}
+    arms = [entry.robot for entry in tasks.ENTRIES if entry.task == "square_trace"]
     assert arms == ["sawyer", "ur10", "iiwa14"]
-    assert [entry.task for entry in bench.ENTRIES if entry.proof] == ["blocked"]
+    assert [entry.task for entry in tasks.ENTRIES if entry.proof] == ["blocked"]
 
 
 def test_the_first_run_stands_apart_and_the_others_use_its_caches(monkeypatch):
     runs = [RUN | {"process_s": wall} for wall in (60.0, 9.0, 7.0, 8.0)]
     runs[2] |= {"min_clearance_m": 1e-3, "max_tracking_error_m": 5e-4}
     asked = simulated(monkeypatch, runs)
-    row = bench.task_row(bench.Entry("machine_tending"), 3, 5)
+    row = tasks.task_row(tasks.Entry("machine_tending"), 3, 5)
     assert [seed for _, seed, _ in asked] == [5, 5, 6, 7] and len({caches for *_, caches in asked}) == 1
     assert row["row"] == "ur10/machine_tending/ikspark" and row["n"] == 3 and row["success"] == 1.0
     assert (row["first_process_s"], row["process_s_median"], row["process_s_max"]) == (60.0, 8.0, 9.0)
@@ -60,7 +60,7 @@ def test_the_first_run_stands_apart_and_the_others_use_its_caches(monkeypatch):
 def test_a_proof_counts_where_it_is_asked_for_and_nothing_moved_is_no_number(monkeypatch):
     proved = RUN | STOPPED | {"process_s": 3.0, "proof": "no configuration"}
     simulated(monkeypatch, [proved] * 3)
-    row = bench.task_row(bench.Entry("blocked", proof=True), 2, 0)
+    row = tasks.task_row(tasks.Entry("blocked", proof=True), 2, 0)
     assert row["success"] == 1.0 and row["min_clearance_mm"] is None and row["simulated_s_max"] is None
-    assert not bench.Entry("shelf_grasp").succeeded(proved)
-    assert not bench.Entry("blocked", proof=True).succeeded(RUN | STOPPED)
+    assert not tasks.Entry("shelf_grasp").succeeded(proved)
+    assert not tasks.Entry("blocked", proof=True).succeeded(RUN | STOPPED)

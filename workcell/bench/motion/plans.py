@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from workcell.bench.reference import ompl as plan_ompl
+from workcell.bench.reference import ompl
 from workcell.bench.reference.robots import bench_robot
 from workcell.bench.rows import Bench, Row
 from workcell.errors import InputError
@@ -58,7 +58,7 @@ def plan_rows(n: int, seed: int, sets: Path | None) -> list[Row]:
 
 def ompl_rows(n: int, seed: int, sets: Path | None) -> list[Row]:
     """OMPL with our compiled proof of edges, on the same files, from the same goals; the goals' time is not counted."""
-    if not plan_ompl.installed():
+    if not ompl.installed():
         raise InputError("OMPL is not installed", where="plan-ompl", remedy="pip install 'workcell[ompl]'")
     rows = []
     for name, _ in FILES:
@@ -74,7 +74,7 @@ def ompl_rows(n: int, seed: int, sets: Path | None) -> list[Row]:
                 if not found:
                     paths.append(None)
                     continue
-                answer = plan_ompl.plan_ompl(
+                answer = ompl.plan_ompl(
                     body,
                     problem.robot.joint_limits,
                     start,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workcell.bench.motion.plans import path_row, problems_of
-from workcell.bench.reference import ompl as plan_ompl
+from workcell.bench.reference import ompl
 from workcell.bench.rows import Bench, Row
 from workcell.ik.hjcd.solver import collect_solutions
 from workcell.ik.problem import Budget
@@ -70,7 +70,7 @@ def methods() -> list[tuple[str, Method]]:
     found += [(f"given-optimised-{seconds:g}s", _given(seconds)) for seconds in SECONDS]
     found.append(("workcell", _whole(0.0)))
     found += [(f"workcell-optimised-{seconds:g}s", _whole(seconds)) for seconds in SECONDS]
-    if plan_ompl.installed():
+    if ompl.installed():
         for planner, budget_s, simplify in OMPL:
             found.append((f"ompl-{planner.lower()}-{budget_s:g}s", _ompl(planner, budget_s, simplify)))
     return found
@@ -127,7 +127,7 @@ def _ompl(planner: str, budget_s: float, simplify: bool) -> Method:
     def method(item: NamedProblem, start: Array, goals: Array, seed: int) -> Answer:
         body, limits = _body(item, start, goals), item.problem.robot.joint_limits
         # its random numbers take seeds of 32 bits
-        found = plan_ompl.plan_ompl(body, limits, start, goals, planner, budget_s, seed % 2**31, simplify)
+        found = ompl.plan_ompl(body, limits, start, goals, planner, budget_s, seed % 2**31, simplify)
         return found.path, found.cpu_s
 
     return method

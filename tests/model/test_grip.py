@@ -87,12 +87,13 @@ def test_the_hand_meets_neither_what_it_can_not_touch_nor_what_it_holds(scene):
 
 
 def test_an_object_that_is_about_to_be_grasped_can_be_left_out(scene):
-    grasp = Pose.from_xyz([0, 0, -0.02]) @ scene.site_pose("block/grasp")
-    robot = scene.robot()
-    pressed = replace(robot, fingers=fingers_at(scene, robot, 0.3))
-    assert (
-        hand_clearance(scene, pressed, grasp) < 0 or hand_clearance(scene, pressed, grasp, ["block"]) < 0.01
-    )
+    """Fingers closed by so much that the pads would be in the block, 4 cm wide: half of it less where they stand."""
+    grasp, robot = scene.site_pose("block/grasp"), scene.robot()
+    for opening, inside in ((0.3, 0.02 - 0.3 * 0.045), (0.4, 0.02 - 0.4 * 0.045)):
+        pressed = replace(robot, fingers=fingers_at(scene, robot, opening))
+        assert hand_clearance(scene, pressed, grasp) == pytest.approx(-inside, abs=1e-4)
+        assert hand_clearance(scene, pressed, grasp, ["block"]) > 0.004
+    assert hand_clearance(scene, robot, grasp) > 0.004
 
 
 @pytest.mark.parametrize("opening", [0.0, 0.5, 1.0])

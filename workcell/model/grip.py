@@ -169,14 +169,17 @@ def hand_clearance(
 
     Args:
         scene: the scene, everything else as it begins.
-        robot: whose hand: all that the tool's link carries.
+        robot: whose hand: all that the tool's link carries, its fingers where `robot` has them.
         T_world_tool: the tool's pose.
         ignored: objects (by name) that don't count, such as one about to be grasped.
         limit: metres up to which is looked.
     """
     import mujoco
 
-    model, data = scene.model, data_at(scene.model, scene.initial_qpos())
+    qpos = np.array(scene.initial_qpos())
+    for address, value in robot.fingers:
+        qpos[address] = value
+    model, data = scene.model, data_at(scene.model, qpos)
     moved = T_world_tool.matrix @ np.linalg.inv(robot.robot.fk(robot.start).matrix)
     hand = _solid_geoms(model, set(robot.link_body_ids[robot.robot.tool().link]))
     skipped = set(robot.body_ids).union(*(scene.object(name).body_ids for name in ignored))

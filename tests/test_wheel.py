@@ -71,7 +71,8 @@ def test_the_installed_package_is_the_one_that_runs(installed, tmp_path):
         text=True,
         check=True,
     )
-    assert all(line.startswith(str(installed)) for line in found.stdout.split())
+    package, data = found.stdout.splitlines()
+    assert package.startswith(str(installed)) and data.startswith(str(installed))
 
 
 def test_robots_and_tasks_are_found_there(installed, tmp_path):

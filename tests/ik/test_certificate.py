@@ -245,13 +245,14 @@ def test_pairs_that_hold_a_sphere_are_never_dropped(seed: int) -> None:
 
 
 def test_the_solver_reports_a_proof_in_the_model() -> None:
+    """A box around the shoulder lets no attempt succeed, and says nothing of the last link."""
     problem = walled(0, FreeSpace([[-1, -1, 0], [-0.1, -0.1, 0.0]], [[-0.3, 1, 0.9], [0.1, 0.1, 0.4]]))
-    # a wall right at the hand keeps every plain attempt from succeeding
-    hand = problem.target.position
-    problem = replace(problem, obstacles=(box("wall", tuple(hand), (0.02, 0.02, 0.02)),))
-    candidate = solve_ikspark(problem, Budget(0.6), 0)
+    problem = replace(problem, obstacles=(box("wall", (0.0, 0.0, 0.3), (0.02, 0.02, 0.02)),))
+    proof(far(problem.robot))  # so that compiling is not part of the budget
+    candidate = solve_ikspark(problem, Budget(1.0), 0)
     assert candidate.q is None and candidate.certificate is not None
-    assert candidate.certificate.scope == "model" or candidate.certificate.kind == "last_link"
+    assert (candidate.certificate.kind, candidate.certificate.scope) == ("farkas", "model")
+    assert check_farkas(problem, candidate.certificate) is None
 
 
 @pytest.mark.parametrize(

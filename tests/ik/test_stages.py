@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
@@ -76,6 +78,7 @@ def test_the_innermost_observer_hears_of_each_query(problem: IKProblem) -> None:
 
 
 def test_a_log_keeps_the_first_and_the_last_stages_and_adds_up_those_between() -> None:
+    began = time.process_time()
     log = StageLog()
     for k in range(2 * KEPT + 50):
         log.add("relaxation", gap=1.0 / (k + 1), note=f"restart {k}")
@@ -84,7 +87,7 @@ def test_a_log_keeps_the_first_and_the_last_stages_and_adds_up_those_between() -
     assert stages[KEPT].numbers == {"stages": 50}
     assert [stages[KEPT - 1].note, stages[KEPT + 1].note] == [f"restart {KEPT - 1}", f"restart {KEPT + 50}"]
     assert stages[-1].gap == 1.0 / (2 * KEPT + 50)
-    assert all(stage.cpu_s >= 0 for stage in stages)
+    assert 0 < sum(stage.cpu_s for stage in stages) <= time.process_time() - began
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -56,7 +56,7 @@ def test_pairs_of_spheres_are_those_of_links_that_the_model_collides(world):
     )
     assert np.array_equal(pairs, whole.pairs)
     template = world.problem(robot.fk(robot.home))
-    assert all(len(model.pairs) == len(pairs) for model in worlds(template, 0.0)[:1])
+    assert len(pairs) and len(worlds(template, 0.0)[0].pairs) == len(pairs)
 
 
 def test_pairs_that_touch_where_the_robot_is_free_are_left_out_there_alone(world):

@@ -139,6 +139,7 @@ def test_a_blocked_target_names_sphere_obstacle_and_depth():
     candidate = solve_hjcd(IKProblem(robot, target, (wall,), beads(robot)), Budget(20.0), 0)
     assert candidate.q is None
     assert candidate.stats["exhausted"] == 1.0
+    assert candidate.rejected
     assert all("sphere" in line and "mm inside wall" in line for line in candidate.rejected)
 
 
@@ -154,7 +155,7 @@ def test_the_problems_own_checker_has_the_last_word():
     own = replace(problem, checker=checker)
     candidate = solve_hjcd(own, BUDGET, 0)
     assert candidate.stats["checks"] == len(asked) > 0
-    assert candidate.q is None or candidate.q[0] >= 0
+    assert candidate.q is not None and candidate.q[0] >= 0
     never = replace(problem, checker=lambda q: Clearance(-0.004, ("hand", "lamp")))
     refused = solve_hjcd(never, Budget(2.0), 0)
     assert refused.q is None

@@ -62,6 +62,7 @@ def test_the_page_is_one_file_with_everything_in_it(written: Path) -> None:
     text, parser = written.read_text(), _Balance()
     parser.feed(text)
     assert parser.open == []
+    assert parser.references
     assert all(reference.startswith("data:image/") for reference in parser.references)
     assert "http" not in text
     for word in (

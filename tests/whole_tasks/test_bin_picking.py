@@ -41,8 +41,10 @@ def test_the_bar_stands_on_the_tray(outcome):
 def test_friction_held_it(outcome):
     assert 0.0 < outcome.summary["max_slip_m"] < 2e-3
     assert outcome.summary["max_tracking_error_m"] < 5e-4
-    texts = [event.text for event in review(outcome.recording).events]
-    assert any("held by the fingers' friction" in text for text in texts)
+    seen = review(outcome.recording)
+    assert any("held by the fingers' friction" in event.text for event in seen.events)
+    moved = {row.name: row.moved for row in seen.objects}
+    assert moved.pop("bar") > 0.2 and len(moved) == 3 and max(moved.values()) < 0.01
 
 
 def test_a_hand_that_does_not_fit_is_said_before_anything_moves(tmp_path):

@@ -39,3 +39,5 @@ def test_the_story_and_the_recording_name_both_arms(outcome):
         assert words in text
     seen = review(result.recording)
     assert seen.achieved and set(seen.manifest["robots"]) == {"left", "right"}
+    (crate,) = seen.objects
+    assert crate.name == "crate" and crate.moved > 0.25 and crate.rose > 0.15

@@ -28,7 +28,9 @@ def test_the_cup_is_carried_upright_around_the_pillar(outcome):
 
 def test_the_recording_shows_the_cup_moving(outcome):
     seen = review(outcome.recording)
-    assert seen.achieved and "cup" in {row.name for row in seen.objects}
+    (cup,) = seen.objects
+    assert seen.achieved and cup.name == "cup"
+    assert cup.moved > 0.6 and cup.rose > 0.05 and cup.final_position[1] > 0.3
 
 
 def test_tilt_and_slosh_of_a_known_motion():

@@ -37,7 +37,10 @@ def test_tracking_and_clearance(outcome):
 def test_the_recording_alone_tells_it(outcome):
     result, story = outcome
     seen = review(result.recording)
-    assert seen.achieved and {row.name for row in seen.objects} == {"blank"}
+    (blank,) = seen.objects
+    assert seen.achieved and blank.name == "blank"
+    assert blank.moved > 1.0 and blank.rose > 0.15
+    assert blank.final_position == pytest.approx((1.15, 0.095, 0.27), abs=1e-3)
     assert result.recording.stat().st_size < 5e6
     assert "way into the chuck" in "\n".join(story)
 

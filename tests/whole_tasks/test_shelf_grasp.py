@@ -3,11 +3,17 @@
 import json
 import shutil
 
+import mujoco
 import numpy as np
 import pytest
 
+from tests.record.sight import around, coloured, geoms_seen, inside
 from workcell.model.loading.assets import find_task
+from workcell.model.scene import Scene
 from workcell.record.read.review import review
+from workcell.record.shapes import geom_rgba
+from workcell.record.show.cameras import choose_cameras
+from workcell.record.show.studio import Studio
 from workcell.task.run import run_task
 
 
@@ -44,9 +50,30 @@ def test_the_recording_alone_tells_it(outcome):
     result, _ = outcome
     seen = review(result.recording)
     assert seen.achieved
-    moved = {row.name: row for row in seen.objects}
-    assert "mug" in moved
+    mug, cup = (next(row for row in seen.objects if row.name == name) for name in ("mug", "cup"))
+    assert mug.moved > 0.25 and mug.rose > 0.03 and cup.moved < 1e-4
+    assert np.linalg.norm(np.array(mug.final_position) - seen.stage.traces["sawyer"][1][-1]) < 0.06
     assert not result.recording.with_name("shelf_grasp.partial.rrd").exists()
+
+
+def test_the_pictures_show_the_mug_in_the_shelf_and_then_in_the_hand(outcome):
+    """From close by, where MuJoCo's rays meet it: blue there, and nowhere else."""
+    seen, scene = review(outcome[0].recording), Scene.load("shelf_grasp", seed=3)
+    camera = choose_cameras(seen.stage, 200, 150)[1]
+    studio, data = Studio(seen.stage, camera, smooth=False), mujoco.MjData(scene.model)
+    for row, time in ((0, 0.0), (-1, seen.duration)):
+        qpos = np.array(scene.initial_qpos())
+        qpos[scene.robot().qpos_addresses] = seen.series["joint_positions/sawyer"].values[row]
+        pose = seen.stage.pose(seen.stage.object_paths()["mug"], time)
+        at = scene.object("mug").qpos_address
+        qpos[at : at + 7] = [*pose.position, *pose.quat_wxyz]
+        data.qpos[:] = qpos
+        mujoco.mj_forward(scene.model, data)
+        mug = geoms_seen(scene.model, data, camera)[0] == scene.model.geom("mug/mug_visual").id
+        blue = coloured(studio.picture(time), geom_rgba(scene.model, scene.model.geom("mug/mug_visual").id))
+        assert inside(mug).sum() > 300
+        assert blue[inside(mug)].mean() > 0.65  # the tool's way and the rim's edges are drawn over it
+        assert not blue[~around(mug, 6)].any()
 
 
 def test_the_story_names_each_step(outcome):

@@ -46,5 +46,5 @@ def test_the_earlier_file_survives_a_failure(tmp_path: Path, monkeypatch: pytest
 
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(OutputError):
+    with pytest.raises(OutputError, match="can't be written"):
         write_json_atomic(tmp_path / "file" / "s.json", {})

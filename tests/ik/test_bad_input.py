@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.ik.arms import beads, box, planar, random_arm, seven
-from workcell.errors import InputError, ModelError, WorkcellError
+from workcell.errors import InputError, ModelError
 from workcell.ik.diverse.solutions import solutions
 from workcell.ik.hjcd.batch import polish_seeds, solve_batch, solve_two_phase
 from workcell.ik.judge.verify import verify
@@ -21,17 +21,17 @@ WHERE = [0.4, 0.7, 0.3, -1.1, 0.2, 0.8, 0.1]
 
 
 @pytest.mark.parametrize(
-    ("position", "quat"),
+    ("position", "quat", "words"),
     [
-        ([np.nan, 0, 0], [1, 0, 0, 0]),
-        ([0, np.inf, 0], [1, 0, 0, 0]),
-        ([0, 0, 0], [np.nan, 0, 0, 0]),
-        ([0, 0, 0], [0, 0, 0, 0]),
-        ([0, 0], [1, 0, 0, 0]),
+        ([np.nan, 0, 0], [1, 0, 0, 0], "position is not finite"),
+        ([0, np.inf, 0], [1, 0, 0, 0], "position is not finite"),
+        ([0, 0, 0], [np.nan, 0, 0, 0], "quat_wxyz is not finite"),
+        ([0, 0, 0], [0, 0, 0, 0], "has length 0"),
+        ([0, 0], [1, 0, 0, 0], "position must be 3 numbers"),
     ],
 )
-def test_targets_that_are_no_poses(position, quat):
-    with pytest.raises(WorkcellError):
+def test_targets_that_are_no_poses(position, quat, words):
+    with pytest.raises(InputError, match=words):
         IKProblem(seven(), Pose(position, quat))
 
 
@@ -39,7 +39,7 @@ def test_matrices_that_are_no_rotations():
     for R in (2 * np.eye(3), np.diag([1.0, 1.0, -1.0]), np.ones((3, 3))):
         T = np.eye(4)
         T[:3, :3] = R
-        with pytest.raises(WorkcellError):
+        with pytest.raises(InputError, match="the matrix is not a rotation"):
             Pose.from_matrix(T)
 
 

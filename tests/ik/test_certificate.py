@@ -168,8 +168,8 @@ def test_damaged_documents(change, because: str) -> None:
 
 
 def test_not_json_at_all() -> None:
-    for text in ("", "[", "[]", "7"):
-        with pytest.raises(InputError):
+    for text, words in (("", "not JSON"), ("[", "not JSON"), ("[]", "an object"), ("7", "an object")):
+        with pytest.raises(InputError, match=words):
             Certificate.from_json(text)
 
 

@@ -127,7 +127,7 @@ def test_a_solver_that_does_not_apply_is_passed_over_by_auto_alone(monkeypatch):
     robot = random_arm(np.random.default_rng(7), n=7, sliding=True)
     assert np.any(robot.prismatic)
     target = robot.fk(robot.random_configuration(np.random.default_rng(1)))
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match="is prismatic"):
         solve(IKProblem(robot, target), "ikspark")
     turns = (Turn("ikspark", share=0.5), Turn("multistart"))
     monkeypatch.setattr("workcell.ik.solve.auto_turns", lambda dof, goal: turns)

@@ -52,9 +52,9 @@ def test_closed_forms_hold_the_configuration_that_made_the_pose(name: str) -> No
 
 
 def test_closed_forms_refuse_other_arms() -> None:
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match="not an arm with six joints"):
         parallel_arm(arm(), arm().fk(np.zeros(7)))
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match="not an arm with seven joints"):
         spherical_arm(ur_like(), ur_like().fk(np.zeros(6)), 0.0)
 
 

@@ -199,7 +199,7 @@ class TestBadInput:
 
     def test_goals_that_make_no_sense(self) -> None:
         robot = bench_arm("ur10")
-        with pytest.raises(UnknownNameError):
+        with pytest.raises(UnknownNameError, match="no tool named 'hand'"):
             Query(robot, (Goal.at("hand", [0, 0, 1]),))
         with pytest.raises(InputError, match="at least one goal"):
             Query(robot, ())

@@ -104,21 +104,21 @@ def test_limits_that_allow_no_motion():
 
 
 @pytest.mark.parametrize(
-    "wrong",
+    ("wrong", "words"),
     [
-        {"step": np.nan},
-        {"step": np.inf},
-        {"resolution": 0.0},
-        {"iterations": 0},
-        {"attempts": 0},
-        {"shortcuts": -1},
-        {"clearance": np.nan},
-        {"spare": -1.0},
-        {"optimise_s": np.nan},
-        {"optimise_s": -1.0},
-        {"optimise_iterations": -1},
+        ({"step": np.nan}, "step, resolution, iterations and attempts of a planner must be positive"),
+        ({"step": np.inf}, "step, resolution, iterations and attempts of a planner must be positive"),
+        ({"resolution": 0.0}, "step, resolution, iterations and attempts of a planner must be positive"),
+        ({"iterations": 0}, "step, resolution, iterations and attempts of a planner must be positive"),
+        ({"attempts": 0}, "step, resolution, iterations and attempts of a planner must be positive"),
+        ({"shortcuts": -1}, "-1 shortcuts can't be tried"),
+        ({"clearance": np.nan}, "a clearance of nan m .* can't be kept"),
+        ({"spare": -1.0}, "with -1.0 m to spare can't be kept"),
+        ({"optimise_s": np.nan}, "nan s .* can't be spent on shorter paths"),
+        ({"optimise_s": -1.0}, "-1.0 s .* can't be spent on shorter paths"),
+        ({"optimise_iterations": -1}, "-1 samples can't be spent on shorter paths"),
     ],
 )
-def test_settings_that_make_no_sense(wrong):
-    with pytest.raises(InputError):
+def test_settings_that_make_no_sense(wrong, words):
+    with pytest.raises(InputError, match=words):
         PlanSettings(**wrong)

@@ -134,7 +134,7 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     with Recording(tmp_path / "empty.rrd", task="empty") as recording:
         recording.event(0.0, "nothing happened")
     (tmp_path / "file").write_text("in the way")
-    with pytest.raises(OutputError):
+    with pytest.raises(OutputError, match=r"contact_sheet\.png: the picture can't be written"):
         write_pictures(review(tmp_path / "empty.rrd"), tmp_path / "file")
 
 

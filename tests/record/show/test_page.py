@@ -25,6 +25,9 @@ from workcell.record.read.review import review
 from workcell.record.show.cameras import choose_cameras
 from workcell.record.show.page import page, write_page
 
+FRAME = (320, 240)
+"""Pixels of the film's frames in these tests."""
+
 
 class _Balance(HTMLParser):
     """Counts tags that are opened and closed, and gathers references to other files."""
@@ -55,6 +58,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     found = review(record_toy(folder / "toy.rrd", model, odd))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("workcell.record.show.pictures._TILE", (200, 150))
+        patch.setattr("workcell.record.show.page._FRAME", FRAME)
         return write_page(found, folder / "toy.html")
 
 
@@ -88,10 +92,10 @@ def test_the_film_shows_arm_and_box_at_each_time(written: Path, toy: mujoco.MjMo
     assert len(film["times"]) == len(film["frames"]) >= 24
     assert film["times"][0] == 0.0
     assert film["times"][-1] == pytest.approx(2.0)
-    camera = choose_cameras(review(written.with_suffix(".rrd")).stage, 640, 480)[0]
+    camera = choose_cameras(review(written.with_suffix(".rrd")).stage, *FRAME)[0]
     for k in (0, len(film["times"]) // 2, -1):
-        picture, seen = picture_in(film["frames"][k]), toy_seen(toy, camera, film["times"][k], edge=8)
-        assert picture.shape == (480, 640, 3) and {"upper", "box"} <= set(seen)
+        picture, seen = picture_in(film["frames"][k]), toy_seen(toy, camera, film["times"][k], edge=5)
+        assert picture.shape == (*FRAME[::-1], 3) and {"upper", "box"} <= set(seen)
         for name in ("upper", "box"):
             its_colour = coloured(picture, toy.geom(name).rgba, within=0.06)
             for other, pixels in seen.items():

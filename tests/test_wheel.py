@@ -47,6 +47,14 @@ def installed(tmp_path_factory) -> Path:
     return site
 
 
+def test_every_module_of_the_package_is_in_it(installed):
+    here, there = (
+        {file.relative_to(root) for file in root.rglob("*.py")}
+        for root in (REPOSITORY / "workcell", installed / "workcell")
+    )
+    assert here and here <= there
+
+
 def run(installed: Path, cwd: Path, *arguments: str) -> subprocess.CompletedProcess:
     code = "import sys; from workcell.cli import main; main(sys.argv[1:])"
     return subprocess.run(

@@ -14,10 +14,10 @@ from workcell.bench.runs.tracking import motions
 from workcell.ik.solve import solve
 from workcell.model.scene import Scene
 from workcell.motion.path import Trajectory
-from workcell.world.planning_world import PlanningWorld
 from workcell.record.write.recording import Recording
 from workcell.record.write.rrd import rerun
 from workcell.simulate.simulation import Simulation
+from workcell.world.planning_world import PlanningWorld
 
 _SECONDS = 20.0
 _QUERIES = 40

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from workcell.bench.runs import killed, recording, tracking
 from workcell.bench.rows import Bench, Row
+from workcell.bench.runs import killed, recording, tracking
 from workcell.errors import WorkcellError
 
 _TIMEOUT_S = 900.0

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from workcell.errors import InputError
 from workcell.geometry.packing import NO_GRADIENT, pack_shapes
 from workcell.geometry.types import Piece
-from workcell.pose import Array
+from workcell.pose import Array, Pose
 
 
 class ObstacleArrays:
@@ -72,6 +72,13 @@ class ObstacleArrays:
         index = np.empty(len(flat), dtype=np.int64)
         _kernels().nearest_distances(self.shapes, flat, distance, gradient, index)
         return distance.reshape(batch), gradient.reshape(*batch, 3), index.reshape(batch)
+
+
+@functools.cache
+def prepare_distances() -> None:
+    """Compile what asks for distances and their gradients, or load it from the cache, by asking about one ball."""
+    ball = ObstacleArrays((Piece("ball", "sphere", Pose.identity(), np.array([0.1])),))
+    ball.distances_and_gradients(np.zeros((1, 3)))
 
 
 @functools.cache

@@ -183,18 +183,21 @@ SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
         "ikspark": SolverEntry(
             help="convex: lifted rotations driven to rank 1, with proofs",
             run="workcell.ik.ikspark.solver:solve_ikspark",
+            prepare="workcell.ik.shared.convex:prepare",
             slides=False,
             plans=True,
         ),
         "ikspark+lm": SolverEntry(
             help="with local descent besides",
             run="workcell.ik.ikspark.solver:solve_ikspark",
+            prepare="workcell.ik.shared.convex:prepare",
             options={"local": True},
             slides=False,
         ),
         "cidgik": SolverEntry(
             help="convex: distances between points driven to rank 3, with proofs",
             run="workcell.ik.cidgik.solver:solve_cidgik",
+            prepare="workcell.ik.shared.convex:prepare",
             goals=ALL_GOALS,
             slides=False,
             plans=True,
@@ -202,6 +205,7 @@ SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
         "cidgik+lm": SolverEntry(
             help="with local descent besides",
             run="workcell.ik.cidgik.solver:solve_cidgik",
+            prepare="workcell.ik.shared.convex:prepare",
             options={"local": True},
             goals=ALL_GOALS,
             slides=False,

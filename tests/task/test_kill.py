@@ -3,47 +3,18 @@
 import os
 import random
 import signal
-import subprocess
-import sys
 import time
 
 import pytest
 
+from workcell.bench.runs.killed import EARLIER, begin_long_run
 from workcell.record.read.review import review
-
-TASK = """
-format = "workcell-task/1"
-name = "long"
-cell = "shelf"
-[[robots]]
-name = "sawyer"
-model = "sawyer"
-mount = "robot_mount"
-gripper = "parallel_gripper"
-gripper_site = "right_hand"
-start = [-0.2, -0.9, -0.1, 2.4, -0.6, -0.8, -1.25]
-"""
-SCRIPT = """
-def run(job):
-    simulation = job.simulation()
-    while simulation.time < 300:
-        simulation.hold(0.1)
-        print(simulation.time, flush=True)
-"""
 
 
 @pytest.fixture
 def running(tmp_path):
     """A run that lasts, and its output folder with an earlier run's files."""
-    (tmp_path / "long.toml").write_text(TASK)
-    (tmp_path / "long.py").write_text(SCRIPT)
-    out = tmp_path / "out"
-    out.mkdir()
-    for name in ("long.rrd", "long.json", "notes.txt"):
-        (out / name).write_text(f"an earlier {name}")
-    task = str(tmp_path / "long.toml")
-    code = f"from workcell.task.run import run_task; run_task({task!r}, out={str(out)!r}, say=lambda _: None)"
-    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    process, out = begin_long_run(tmp_path)
     yield process, out
     process.kill()
     process.wait()
@@ -64,6 +35,6 @@ def test_what_a_killed_run_recorded_is_there_up_to_its_last_second(running, seed
     seen = review(out / "long.partial.rrd")
     assert not seen.achieved
     assert seen.duration >= told - 1.0
-    assert {path.name for path in out.iterdir()} == {"long.rrd", "long.json", "notes.txt", "long.partial.rrd"}
-    for name in ("long.rrd", "long.json", "notes.txt"):
-        assert (out / name).read_text() == f"an earlier {name}"
+    assert {path.name for path in out.iterdir()} == {*EARLIER, "long.partial.rrd"}
+    for name in EARLIER:
+        assert (out / name).read_text() == name

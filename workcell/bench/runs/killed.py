@@ -32,28 +32,36 @@ _SCRIPT = """def run(job):
         simulation.hold(0.1)
         print(simulation.time, flush=True)
 """
-_EARLIER = ("long.rrd", "long.json", "notes.txt")
+EARLIER = ("long.rrd", "long.json", "notes.txt")
+"""Files of an earlier run in the output folder; each holds its name."""
 
 
-def _one(folder: Path, until: float) -> tuple[bool, float, bool]:
-    """Kill one run once it has simulated `until` s: readable, seconds lost, and whether other files are intact."""
+def begin_long_run(folder: Path) -> tuple[subprocess.Popen[str], Path]:
+    """A run that lasts, told second by second on its standard output, and its output folder."""
     (folder / "long.toml").write_text(_TASK)
     (folder / "long.py").write_text(_SCRIPT)
     out = folder / "out"
     out.mkdir()
-    for name in _EARLIER:
+    for name in EARLIER:
         (out / name).write_text(name)
-    code = f"from workcell.task.run import run_task; run_task({str(folder / 'long.toml')!r}, out={str(out)!r}, say=str)"
+    task = str(folder / "long.toml")
+    code = f"from workcell.task.run import run_task; run_task({task!r}, out={str(out)!r}, say=str)"
+    return subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True), out
+
+
+def _one(folder: Path, until: float) -> tuple[bool, float, bool]:
+    """Kill one run once it has simulated `until` s: readable, seconds lost, and whether other files are intact."""
+    begun, out = begin_long_run(folder)
     told = 0.0
-    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
+    with begun as process:
         assert process.stdout is not None
         for line in process.stdout:
             told = float(line)
             if told > until:
                 break
         os.kill(process.pid, signal.SIGKILL)
-    intact = all((out / name).read_text() == name for name in _EARLIER)
-    intact &= {path.name for path in out.iterdir()} == {*_EARLIER, "long.partial.rrd"}
+    intact = all((out / name).read_text() == name for name in EARLIER)
+    intact &= {path.name for path in out.iterdir()} == {*EARLIER, "long.partial.rrd"}
     try:
         seen = review(out / "long.partial.rrd")
     except WorkcellError:

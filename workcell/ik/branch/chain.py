@@ -37,7 +37,7 @@ _FREE_RANGES: dict[Goal, Array] = {
 
 @dataclass(frozen=True, slots=True)
 class Kinematics:
-    """A robot with the free joints of its goal, see `branch_kernels.state.Chain`.
+    """A robot with the free joints of its goal, see `workcell.ik.branch.kernels.state.Chain`.
 
     Attributes:
         turned: (n, 3, 3) rotations whose third columns are the joint axes.

@@ -54,7 +54,7 @@ class Worker:
         return int(self.tree.counts[0])
 
     def work(self, reached: Array) -> int:
-        """Work on a chunk of boxes; the outcome as `branch_kernels.search.run` names it."""
+        """Work on a chunk of boxes; the outcome as `workcell.ik.branch.kernels.search.run` names it."""
         search, arrays = self._search, self._arrays
         if self.tree.counts[1] + _CHUNK > len(self.tree.nodes):
             more = np.empty_like(self.tree.nodes)

@@ -17,12 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError
+from workcell.model.judge.pairs import colliding_pairs
 from workcell.model.scene import Scene
 from workcell.model.scene_parts import SceneObject, SceneRobot, place_holding
 from workcell.pose import Array, Pose
 
-_FILTER_PARENT = 1 << 10
-"""MuJoCo's `mjDSBL_FILTERPARENT`, written out so that MuJoCo is not imported here."""
 _TOLERANCE = 1e-6
 """Metres: MuJoCo's own default."""
 
@@ -263,29 +262,14 @@ def _colliding_pairs(
     ignored: Iterable[str],
 ) -> NDArray[np.int64]:
     model = scene.model
-    explicit = {frozenset((int(a), int(b))) for a, b in zip(model.pair_geom1, model.pair_geom2, strict=True)}
-    solid = [
-        g
-        for g in range(model.ngeom)
-        if model.geom_contype[g] or model.geom_conaffinity[g] or any(g in pair for pair in explicit)
-    ]
-    body_of = model.geom_bodyid
-    skip = {model.body(name).id for name in ignored}
-    excluded = {(int(s) >> 16, int(s) & 0xFFFF) for s in model.exclude_signature}
-    carriers = _hand_bodies(robot) if attached is not None else frozenset()
-    pairs = []
-    for i, first in enumerate(solid):
-        for second in solid[i + 1 :]:
-            a, b = int(body_of[first]), int(body_of[second])
-            if (a not in moving and b not in moving) or a in skip or b in skip:
-                continue
-            filtered = (a, b) in excluded or (b, a) in excluded or _never_collides(model, first, second)
-            if filtered and frozenset((first, second)) not in explicit:
-                continue
-            if attached is not None and _is_grip(a, b, attached, carriers):
-                continue
-            pairs.append((first, second))
-    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    pairs = colliding_pairs(model, moving, {model.body(name).id for name in ignored})
+    if attached is None:
+        return pairs
+    carriers = _hand_bodies(robot)
+    owners = np.asarray(model.geom_bodyid)[pairs]
+    grip = [_is_grip(int(a), int(b), attached, carriers) for a, b in owners]
+    kept: NDArray[np.int64] = pairs[~np.array(grip, dtype=bool)]
+    return kept
 
 
 def _hand_bodies(robot: SceneRobot) -> frozenset[int]:
@@ -296,21 +280,3 @@ def _hand_bodies(robot: SceneRobot) -> frozenset[int]:
 def _is_grip(a: int, b: int, attached: SceneObject, carriers: frozenset[int]) -> bool:
     inside = attached.body_ids
     return (a in inside and b in carriers) or (b in inside and a in carriers) or (a in inside and b in inside)
-
-
-def _never_collides(model: object, first: int, second: int) -> bool:
-    """MuJoCo's own filter: bit masks, geoms of one rigid body, and parent with child (unless the parent is static,
-    or the model disables `filterparent`)."""
-    m = model
-    contype, conaffinity = m.geom_contype, m.geom_conaffinity  # type: ignore[attr-defined]
-    if not (contype[first] & conaffinity[second] or contype[second] & conaffinity[first]):
-        return True
-    weld = m.body_weldid  # type: ignore[attr-defined]
-    a, b = int(weld[m.geom_bodyid[first]]), int(weld[m.geom_bodyid[second]])  # type: ignore[attr-defined]
-    if a == b:
-        return True
-    if m.opt.disableflags & _FILTER_PARENT:  # type: ignore[attr-defined]
-        return False
-    parent = m.body_parentid  # type: ignore[attr-defined]
-    parent_a, parent_b = int(weld[parent[a]]), int(weld[parent[b]])
-    return a != 0 and b != 0 and (a == parent_b or b == parent_a)

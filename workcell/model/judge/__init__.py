@@ -1,0 +1,1 @@
+"""What a judge of configurations needs of a compiled model, whatever the user's options and geoms are."""

@@ -21,9 +21,10 @@ from workcell.model.loading.build import (
     scene_robot,
     task_of,
 )
-from workcell.model.loading.load import compile_spec, load_spec, quiet_mujoco
+from workcell.model.loading.load import compile_spec, load_spec
 from workcell.model.loading.placing import attach_object, variation
 from workcell.model.loading.taskfile import RobotEntry, TaskFile
+from workcell.model.loading.warnings import heard_warnings, quiet_mujoco
 from workcell.model.scene_parts import Goal, SceneObject, SceneRobot, body_pose, site_pose
 from workcell.pose import Array, Pose, read_only
 
@@ -44,6 +45,7 @@ class Scene:
         task: the `[task]` table of the task file; a key that it lacks raises UnknownNameError.
         placed: (address in qpos, value) of the cell's own joints that begin elsewhere than the model has them, such as
             those of a closed chuck (see `workcell.model.grip.actuated`).
+        warnings: what MuJoCo warned of while it read and compiled the files, each once.
     """
 
     name: str
@@ -55,6 +57,7 @@ class Scene:
     obstacles: tuple[str, ...]
     task: Mapping[str, Any] = field(default_factory=dict)
     placed: tuple[tuple[int, float], ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("robots", "objects", "goals"):
@@ -168,14 +171,16 @@ def build_scene(source: str | Path, robot: str | None, seed: int | None = None) 
     """See `Scene.load`."""
     task = task_of(source, robot)
     where = f"{task.path}: cell" if task.cell != str(task.path) else None
-    cell = load_spec(task.cell, kind="cells", relative_to=task.path.parent, where=where)
-    return _compiled(cell, task, seed)
+    with heard_warnings() as heard:
+        cell = load_spec(task.cell, kind="cells", relative_to=task.path.parent, where=where)
+        scene = _compiled(cell, task, seed)
+    return replace(scene, warnings=tuple(heard))
 
 
 def _compiled(spec: mujoco.MjSpec, task: TaskFile, seed: int | None = None) -> Scene:
     free = any(not entry.fixed for entry in task.objects)
     places = compile_spec(spec.copy(), task.cell) if free else None
-    with quiet_mujoco():
+    with quiet_mujoco(task.path):
         homes = {entry.name: attach_robot(spec, entry, task) for entry in task.robots}
         for k, entry in enumerate(task.objects):
             attach_object(spec, entry, task, variation(entry, k, seed), places)
@@ -204,7 +209,9 @@ def robot_scene(robot: str | Path) -> Scene:
 
     path = find_asset("robots", robot)
     task = TaskFile(path, path.stem, "", (RobotEntry(path.stem, str(path)),))
-    return _compiled(mujoco.MjSpec(), task)
+    with heard_warnings() as heard:
+        scene = _compiled(mujoco.MjSpec(), task)
+    return replace(scene, warnings=tuple(heard))
 
 
 def _goals(scene: Scene, task: TaskFile) -> dict[str, Goal]:

@@ -11,7 +11,8 @@ import numpy as np
 
 from workcell.errors import ModelError, UnknownNameError
 from workcell.model.loading.actuators import actuator_of_joint, effort_limits
-from workcell.model.robot import Robot, Tool
+from workcell.model.loading.couplings import locked_values
+from workcell.model.robot import LIMIT_SLACK, Robot, Tool
 from workcell.pose import Array, Pose, axis_angle_to_matrix
 
 if TYPE_CHECKING:
@@ -229,24 +230,36 @@ def _is_actuated(model: mujoco.MjModel, joint: int) -> bool:
 
 
 def _limits(model: mujoco.MjModel, joints: Sequence[int], where: str | Path | None) -> tuple[Array, Array]:
-    """Position limits; an unlimited hinge gets one turn either way of zero, since workcell needs finite limits."""
+    """Position limits; an unlimited hinge gets one turn either way of zero, since workcell needs finite limits.
+
+    A range that MuJoCo is told to ignore (`limited="false"`) holds here, and a locked joint has its one value.
+    """
+    held = locked_values(model)
     lower, upper = [], []
     for joint in joints:
-        limited = bool(model.jnt_limited[joint])
-        slide = int(model.jnt_type[joint]) == _slide()
-        if not model.jnt_range[joint, 0] <= model.jnt_range[joint, 1]:  # MuJoCo takes the joint for unlimited
+        low, high = map(float, model.jnt_range[joint])
+        name = model.joint(joint).name
+        given = bool(model.jnt_limited[joint]) or low != 0.0 or high != 0.0
+        if not low <= high:  # MuJoCo takes the joint for unlimited
             raise ModelError(
-                f"the range of joint {model.joint(joint).name!r} is {model.jnt_range[joint].tolist()}",
+                f"the range of joint {name!r} is {model.jnt_range[joint].tolist()}",
                 where=where,
                 remedy="the lower limit, then the upper one",
             )
-        if not limited and slide:
+        if joint in held:
+            value = held[joint]
+            if given and not low - LIMIT_SLACK <= value <= high + LIMIT_SLACK:
+                raise ModelError(
+                    f"an equality constraint holds joint {name!r} at {value:g}, outside its range [{low:g}, {high:g}]",
+                    where=where,
+                )
+            low, high = value, value
+        elif not given and int(model.jnt_type[joint]) == _slide():
             raise ModelError(
-                f"slide joint {model.joint(joint).name!r} has no limits",
-                where=where,
-                remedy="give its range in the model file",
+                f"slide joint {name!r} has no limits", where=where, remedy="give its range in the model file"
             )
-        low, high = model.jnt_range[joint] if limited else (-2 * np.pi, 2 * np.pi)
+        elif not given:
+            low, high = -2 * np.pi, 2 * np.pi
         lower.append(low)
         upper.append(high)
     return np.array(lower), np.array(upper)

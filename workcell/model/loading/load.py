@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
@@ -16,6 +13,8 @@ import numpy as np
 from workcell.errors import ModelError
 from workcell.model.loading.assets import MODEL_SUFFIXES, AssetKind, find_asset
 from workcell.model.loading.compiled import VELOCITY, robot_from_model
+from workcell.model.loading.limits import lock_equal_limits, marked_source, set_urdf_limits
+from workcell.model.loading.warnings import quiet_mujoco
 from workcell.model.robot import Robot
 
 if TYPE_CHECKING:
@@ -53,13 +52,10 @@ def load_spec(
             remedy=f"it ends in {', '.join(MODEL_SUFFIXES)}",
         )
     try:
-        with quiet_mujoco():
+        with quiet_mujoco(path):
             if path.suffix.lower() == ".urdf" or "<robot" in path.read_text(errors="replace")[:2000]:
                 return _load_urdf(path)
-            if path.suffix.lower() == ".xml":
-                spec = mujoco.MjSpec.from_file(str(path))
-            else:
-                spec = mujoco.MjSpec.from_string(path.read_text(encoding="utf-8"))
+            spec = _mjcf(path)
         _make_asset_paths_absolute(spec, path)
     except UnicodeDecodeError:
         raise ModelError(
@@ -77,7 +73,7 @@ def compile_spec(spec: mujoco.MjSpec, where: str | Path) -> mujoco.MjModel:
     import mujoco
 
     try:
-        with quiet_mujoco():
+        with quiet_mujoco(where):
             model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise ModelError(f"MuJoCo can't compile this model: {_one_line(error)}", where=where) from None
@@ -87,24 +83,6 @@ def compile_spec(spec: mujoco.MjSpec, where: str | Path) -> mujoco.MjModel:
             name = getattr(model, kind)(int(index)).name or f"number {index}"
             raise ModelError(f"the pose of {kind} {name!r} is not finite", where=where)
     return model
-
-
-@contextmanager
-def quiet_mujoco() -> Iterator[None]:
-    """Without MuJoCo's warnings, which go to the console and to a log file in the working directory.
-
-    They tell that a robot's simulation options differ from its cell's; the cell's hold.
-    """
-    import mujoco
-
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda _: None)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        mujoco.set_mju_user_warning(before)
 
 
 def load_robot(name: str | Path, tool: str | None = None) -> Robot:
@@ -123,6 +101,23 @@ def load_compiled(name: str | Path, tool: str | None = None) -> tuple[mujoco.MjM
     return model, robot_from_model(model, name=path.stem, tool=tool, where=path)
 
 
+def _mjcf(path: Path) -> mujoco.MjSpec:
+    import mujoco
+
+    try:
+        marked = marked_source(path)
+    except ElementTree.ParseError:
+        marked = None  # MuJoCo says better what is wrong with it
+    if marked is not None:
+        spec = mujoco.MjSpec.from_string(marked)
+    elif path.suffix.lower() == ".xml":
+        spec = mujoco.MjSpec.from_file(str(path))
+    else:
+        spec = mujoco.MjSpec.from_string(path.read_text(encoding="utf-8"))
+    lock_equal_limits(spec)
+    return spec
+
+
 def _make_asset_paths_absolute(spec: mujoco.MjSpec, path: Path) -> None:
     """Mesh files stay findable after the spec is attached to a model that lives in another folder."""
     for attribute in ("meshdir", "texturedir"):
@@ -137,13 +132,15 @@ def _load_urdf(path: Path) -> mujoco.MjSpec:
         r"package://[^/\"']+/([^\"']+)", lambda m: str(_find_package_file(path, m.group(1))), path.read_text()
     )
     spec = mujoco.MjSpec.from_string(text)
+    robot = ElementTree.fromstring(text)
+    set_urdf_limits(spec, robot, path)
     spec.compiler.discardvisual = False
     spec.compiler.fusestatic = False
     spec.meshdir = spec.texturedir = str(path.parent)
     for joint in spec.joints:
         if joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
             spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    for name, velocity in _velocity_limits(text, path).items():
+    for name, velocity in _velocity_limits(robot, path).items():
         spec.add_numeric(name=name + VELOCITY, data=[velocity])
     if not list(spec.sites):
         leaf = max(spec.bodies, key=lambda body: len(_spec_ancestors(body)))
@@ -151,10 +148,10 @@ def _load_urdf(path: Path) -> mujoco.MjSpec:
     return spec
 
 
-def _velocity_limits(urdf: str, path: Path) -> dict[str, float]:
+def _velocity_limits(urdf: ElementTree.Element, path: Path) -> dict[str, float]:
     """The velocity limits of a URDF's joints by name, where it gives them; MuJoCo leaves them out."""
     limits = {}
-    for joint in ElementTree.fromstring(urdf).findall("joint"):
+    for joint in urdf.findall("joint"):
         limit = joint.find("limit")
         text = None if limit is None else limit.get("velocity")
         if text is None or joint.get("type") not in ("revolute", "continuous", "prismatic"):

@@ -1,4 +1,4 @@
-"""Joints of one value: every solver finds what is there, proves what isn't, and motions leave such a joint alone."""
+"""Joints of one value: every solver finds what is there, and motions leave such a joint alone."""
 
 from dataclasses import replace
 

@@ -26,6 +26,7 @@ _PROVIDERS = (
     "workcell.bench.geometry.clearance",
     "workcell.bench.geometry.covers",
     "workcell.bench.geometry.free_space",
+    "workcell.bench.strangers.table",
 )
 
 

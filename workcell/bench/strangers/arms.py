@@ -52,6 +52,7 @@ def add_arm(draft: Draft, world: Element, actuators: Element, equalities: Elemen
         add_geom(draft, root, np.array([0.0, 0.0, -0.02]), 0.06, "foot")
     driven: list[str] = []
     followers: list[Follower] = []
+    locked: dict[str, tuple[float, float]] = {}
     body, bodies, left = root, 1, count
     while left > 0:
         reach = _offset(rng)
@@ -64,7 +65,7 @@ def add_arm(draft: Draft, world: Element, actuators: Element, equalities: Elemen
         if in_body > 1:
             draft.features.add("several joints in a body")
         for _ in range(in_body):
-            name = _add_joint(draft, body)
+            name = _add_joint(draft, body, locked)
             left -= 1
             if driven and len(driven) + left >= 3 and draft.chance(0.06, "coupling"):
                 followers.append(_follow(draft, equalities, name, str(rng.choice(driven))))
@@ -79,7 +80,7 @@ def add_arm(draft: Draft, world: Element, actuators: Element, equalities: Elemen
         if kind == "position":
             actuator.set("kp", "200")
         draft.name(actuator, "drive")
-    return Arm(tuple(driven), tuple(followers), bodies, tool)
+    return Arm(tuple(driven), tuple(followers), bodies, tool, locked)
 
 
 def _offset(rng: np.random.Generator) -> Array:
@@ -89,7 +90,7 @@ def _offset(rng: np.random.Generator) -> Array:
     return np.asarray(0.12 * rng.normal(size=3))
 
 
-def _add_joint(draft: Draft, body: Element) -> str:
+def _add_joint(draft: Draft, body: Element, locked: dict[str, tuple[float, float]]) -> str:
     rng = draft.rng
     slide = draft.chance(0.12, "slide")
     name = f"joint{draft.number()}"
@@ -109,6 +110,9 @@ def _add_joint(draft: Draft, body: Element) -> str:
         joint.set("ref", numbers([rng.uniform(-0.5, 0.5) * (0.1 if slide else 1.0)]))
     if draft.chance(0.1, "range without zero"):
         low = 0.2 * high
+    if draft.chance(0.05, "limits: locked"):
+        low = high = float(rng.choice([0.0, low, high]))
+        locked[name] = (low, high)
     joint.set("range", numbers([low, high]))
     if draft.chance(0.1, "damping"):
         joint.set("damping", "1")

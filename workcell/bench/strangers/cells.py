@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
@@ -29,6 +29,7 @@ class Cell:
         arms: by the prefix of their elements in the compiled model.
         features: what occurs in it, for people who look for the cause of a failure.
         assemble: the whole, put together by MuJoCo alone, every arm's bodies named with its prefix.
+        moved: values of the cell's own joints, each driven there by an actuator of its name.
     """
 
     seed: int
@@ -37,6 +38,7 @@ class Cell:
     arms: Mapping[str, Arm]
     features: tuple[str, ...]
     assemble: Callable[[], mujoco.MjSpec]
+    moved: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass

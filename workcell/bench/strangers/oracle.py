@@ -56,8 +56,10 @@ class Oracle:
         self.own = frozenset(body for body in self.bodies if self._is_mine(body))
 
     def _begin(self, cell: Cell) -> Array:
-        """Where everything stands: as the file says, but arms within their limits."""
+        """Where everything stands: as the file says, but arms within their limits, and what was moved."""
         qpos = np.array(self.model.qpos0, dtype=float)
+        for name, value in cell.moved.items():
+            qpos[self.model.joint(name).qposadr[0]] = value
         for prefix, arm in cell.arms.items():
             for name in arm.driven:
                 joint = self.model.joint(prefix + name)

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     import mujoco
 
 
+TRAVEL = 0.5
+"""Radians or metres that a cell's carriage and lift go either way."""
+
+
 def random_task(seed: int) -> Cell:
     """A task file with a cell, arms and objects in files of their own; the same seed, the same task."""
     rng = np.random.default_rng([seed, 20261202])
@@ -49,11 +53,15 @@ def random_task(seed: int) -> Cell:
     for name in objects:
         files[f"{name}.xml"] = _object_file(rng, anonymous, features)
     files["task.toml"] = _task_text(mounts, objects)
+    moved: dict[str, float] = {}
+    if all(fixed for _, fixed in objects.values()) and rng.random() < 0.5:  # a free one could stop it
+        features.add("carriage moved")
+        moved = {name: float(rng.uniform(-TRAVEL, TRAVEL)) for name in ("carriage", "lift")}
 
     def assemble() -> mujoco.MjSpec:
         return _assemble(files, mounts, objects)
 
-    return Cell(seed, files, "task.toml", arms, tuple(sorted(features)), assemble)
+    return Cell(seed, files, "task.toml", arms, tuple(sorted(features)), assemble, moved)
 
 
 def _places(rng: np.random.Generator, features: set[str]) -> dict[str, Element]:
@@ -75,7 +83,8 @@ def _places(rng: np.random.Generator, features: set[str]) -> dict[str, Element]:
             joint = SubElement(
                 body, "joint", type="slide" if kind == "lift" else "hinge", axis=numbers(rng.normal(size=3))
             )
-            joint.set("range", "-0.5 0.5")
+            joint.set("name", kind)
+            joint.set("range", numbers([-TRAVEL, TRAVEL]))
             joint.set("ref", numbers([rng.uniform(-0.4, 0.4)]))
             SubElement(body, "geom", type="sphere", size="0.01", contype="0", conaffinity="0")
         body.append(site)
@@ -99,6 +108,9 @@ def _cell_file(
     draft = Draft(rng, sheet.asset, anonymous, features)
     for place in sites.values():
         sheet.world.append(place)
+    for name in ("carriage", "lift"):
+        limits = numbers([-TRAVEL, TRAVEL])
+        SubElement(sheet.actuator, "position", name=name, joint=name, kp="100", ctrlrange=limits)
     SubElement(sheet.world, "site", name="on_ground", pos=numbers([0.3, 0.3, 0.0]))
     for _ in range(int(rng.integers(1, 6))):
         add_obstacle(draft, sheet.world)

@@ -13,9 +13,11 @@ import numpy as np
 
 from workcell.bench.strangers.cells import Cell
 from workcell.bench.strangers.oracle import Oracle
+from workcell.bench.strangers.tasks import TRAVEL
 from workcell.errors import WorkcellError
 from workcell.ik.problem import Budget
 from workcell.ik.solve import solve
+from workcell.model.grip import actuated
 from workcell.model.scene import Scene
 from workcell.motion.plans.in_scene import plan_in_world
 from workcell.motion.plans.result import PlanSettings
@@ -58,6 +60,8 @@ def try_cell(cell: Cell, queries: int, paths: int, budget_s: float = 1.0) -> Out
             for name, text in cell.files.items():
                 (FilePath(folder) / name).write_text(text, encoding="utf-8")
             scene = Scene.load(FilePath(folder) / cell.source)
+        for name, value in cell.moved.items():
+            scene = actuated(scene, name, 0.5 + value / (2 * TRAVEL))
         for prefix in cell.arms:
             _Trial(cell, scene, prefix, outcome, budget_s).run(queries, paths)
     except WorkcellError as error:
@@ -122,7 +126,7 @@ class _Trial:
         target = self.oracle.tool_pose(q)
         self.outcome.queries += 1
         result = solve(world.problem(target), budget=self.budget, seed=self.cell.seed)
-        if result.status.is_proof:
+        if result.status.is_impossible:
             self._fail("impossible", f"{result.status.value} by {result.solver} for {q.tolist()}")
         if result.q is not None:
             self.outcome.solved += 1

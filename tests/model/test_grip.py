@@ -112,7 +112,7 @@ def test_the_cover_contains_the_fingers_where_they_stand(scene, opening):
     signs = np.array(np.meshgrid(*[[-1, 1]] * 3)).reshape(3, -1).T
     checked = 0
     for geom in range(model.ngeom):
-        if "finger" in model.geom(geom).name:
+        if "finger" in model.geom(geom).name and model.geom_contype[geom]:
             corners = (
                 data.geom_xpos[geom] + (signs * model.geom_size[geom]) @ data.geom_xmat[geom].reshape(3, 3).T
             )

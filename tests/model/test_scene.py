@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from workcell.errors import ModelError, UnknownNameError, WorkcellError
-from workcell.model.collision_model import CollisionModel, geom_name
+from workcell.model.collision_model import CollisionModel
+from workcell.model.labels import geom_name
 from workcell.model.scene import Scene
 from workcell.pose import Pose
 

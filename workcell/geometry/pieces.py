@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,8 +11,9 @@ from numpy.typing import ArrayLike
 
 from workcell.errors import ModelError
 from workcell.geometry.types import Piece, PieceKind
-from workcell.model.collision_model import geom_name
+from workcell.model.labels import body_name, geom_name, obstacle_label
 from workcell.model.loading.compiled import link_bodies
+from workcell.model.loading.labels import shape_name
 from workcell.model.scene_parts import data_at
 from workcell.pose import Array, Pose
 
@@ -110,12 +112,12 @@ def model_pieces(model: mujoco.MjModel, robot: Robot) -> tuple[tuple[Piece, ...]
     """The same for a robot file that was compiled by itself (`workcell.model.loading.load.load_compiled`)."""
     positions = np.array(model.qpos0)
     addresses = [int(model.joint(name).qposadr[0]) for name in robot.joint_names]
-    return _link_pieces(model, robot, link_bodies(model, robot, ""), positions, positions[addresses])
+    return _link_pieces(model, robot, link_bodies(model, robot), positions, positions[addresses])
 
 
 def move_piece(piece: Piece, pose: Pose) -> Piece:
     """The piece seen from another frame: `pose` is that of the piece's present frame in the new one."""
-    return Piece(piece.name, piece.kind, pose @ piece.pose, piece.size, piece.vertices, piece.body)
+    return replace(piece, pose=pose @ piece.pose)
 
 
 def _link_pieces(
@@ -136,7 +138,7 @@ def _link_pieces(
 def _rounded(piece: Piece) -> Piece:
     """The piece without the rounding errors of its way through the world: links of one kind are alike bit by bit."""
     pose = Pose(np.round(piece.pose.position, 12) + 0.0, np.round(piece.pose.quat_wxyz, 12) + 0.0)
-    return Piece(piece.name, piece.kind, pose, piece.size, piece.vertices, piece.body)
+    return replace(piece, pose=pose)
 
 
 def _touchable_bodies(model: mujoco.MjModel, robot_bodies: Collection[int]) -> set[int]:
@@ -151,11 +153,16 @@ def _touchable_bodies(model: mujoco.MjModel, robot_bodies: Collection[int]) -> s
 
 
 def _geom_pieces(model: mujoco.MjModel, geom: int, pose: Pose) -> list[Piece]:
-    """One geom as pieces; raises ModelError for what is not supported."""
+    """One geom as pieces, which know what they are part of; raises ModelError for what is not supported."""
+    whole = obstacle_label(model, geom)
+    return [replace(piece, geom=geom, part_of=whole) for piece in _solids(model, geom, pose)]
+
+
+def _solids(model: mujoco.MjModel, geom: int, pose: Pose) -> list[Piece]:
     import mujoco
 
     name = geom_name(model, geom)
-    body = model.body(int(model.geom_bodyid[geom])).name
+    body = body_name(model, int(model.geom_bodyid[geom]))
     kind = mujoco.mjtGeom(int(model.geom_type[geom]))
     size = np.array(model.geom_size[geom])
     primitives: dict[mujoco.mjtGeom, tuple[PieceKind, int]] = {
@@ -174,7 +181,7 @@ def _geom_pieces(model: mujoco.MjModel, geom: int, pose: Pose) -> list[Piece]:
     if kind == mujoco.mjtGeom.mjGEOM_HFIELD:
         return _height_field(model, geom, pose, name, body)
     raise ModelError(
-        f"a geom of type {kind.name.removeprefix('mjGEOM_').lower()} has no convex form here",
+        f"a geom of type {shape_name(kind)} has no convex form here",
         where=name,
         remedy="use box, sphere, capsule, cylinder, ellipsoid, plane, mesh or hfield",
     )

@@ -43,6 +43,8 @@ class Piece:
             ellipsoid semi-axes (3,); halfspace and hull: empty.
         vertices: (k, 3) in the piece's frame for a hull, else None.
         body: the MuJoCo body it belongs to, for messages and files; may be empty.
+        geom: id of its geom in the compiled model; -1 for a piece that comes from no model.
+        part_of: name of the obstacle that it is part of, all of which is taken away together; empty: its own name.
     """
 
     name: str
@@ -51,6 +53,8 @@ class Piece:
     size: Array
     vertices: Array | None = None
     body: str = ""
+    geom: int = -1
+    part_of: str = ""
 
     def __post_init__(self) -> None:
         size = np.asarray(self.size, dtype=float).reshape(-1)
@@ -206,5 +210,5 @@ class FreeSpace:
 
 
 def obstacle_name(piece: Piece) -> str:
-    """The body that a piece belongs to, all of which is taken away together; its own name where it stands alone."""
-    return piece.body if piece.body not in ("", "world") else piece.name
+    """What a piece is part of, all of which is taken away together: a body, or a geom that stands alone."""
+    return piece.part_of or piece.name

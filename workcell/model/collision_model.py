@@ -18,9 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError
 from workcell.model.judge.pairs import colliding_pairs
+from workcell.model.labels import bodies_called, geom_name
 from workcell.model.scene import Scene
 from workcell.model.scene_parts import SceneObject, SceneRobot, place_holding
-from workcell.pose import Array, Pose
+from workcell.pose import Array, Pose, read_only
 
 _TOLERANCE = 1e-6
 """Metres: MuJoCo's own default."""
@@ -28,11 +29,15 @@ _TOLERANCE = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Distance:
-    """A signed distance in metres, the two geoms' names, and the nearest points (2, 3) in the world."""
+    """A signed distance in metres, the two geoms' names, the nearest points (2, 3) in the world, and the geoms' ids.
+
+    Where no pair is within the limit of a search, the names are empty, the ids -1, and the distance is the limit.
+    """
 
     distance: float
     pair: tuple[str, str]
     points: Array
+    geoms: tuple[int, int] = (-1, -1)
 
 
 class CollisionModel:
@@ -90,19 +95,12 @@ class CollisionModel:
         self._fromto = np.zeros(6)
         self._pair_links = self._links_of(self._pairs)
 
-    def ignoring(self, bodies: Iterable[str], geoms: Iterable[str] = ()) -> CollisionModel:
-        """The same model without the pairs that some bodies or geoms belong to.
-
-        Geoms are named by `geom_name`; of a height field any part may be named.
-        """
-        skip = {self._model.body(name).id for name in bodies}
-        names = [geom_name(self._model, g) for g in range(self._model.ngeom)]
-        absent = {name if name in names else name.split("[")[0] for name in geoms}
-        body_of = self._model.geom_bodyid
-        gone = [int(body_of[g]) in skip or name in absent for g, name in enumerate(names)]
-        kept = [not (gone[a] or gone[b]) for a, b in self._pairs]
+    def ignoring(self, bodies: Iterable[int], geoms: Iterable[int] = ()) -> CollisionModel:
+        """The same model without the pairs that some bodies or geoms (ids) belong to."""
+        gone = np.isin(self._model.geom_bodyid, list(bodies))
+        gone[list(geoms)] = True
         smaller = copy.copy(self)
-        smaller._pairs = self._pairs[np.array(kept, dtype=bool)]
+        smaller._pairs = self._pairs[~gone[self._pairs].any(axis=1)]
         smaller._pair_links = self._links_of(smaller._pairs)
         return smaller
 
@@ -115,6 +113,11 @@ class CollisionModel:
     def pairs(self) -> tuple[tuple[str, str], ...]:
         """Names of the geom pairs that are looked at."""
         return tuple((geom_name(self._model, a), geom_name(self._model, b)) for a, b in self._pairs)
+
+    @property
+    def pair_geoms(self) -> NDArray[np.int64]:
+        """Ids of the geom pairs (p, 2) that are looked at."""
+        return read_only(self._pairs, np.int64)
 
     @property
     def self_links(self) -> frozenset[tuple[int, int]]:
@@ -139,8 +142,8 @@ class CollisionModel:
         """World pose of one of the robot's sites (without its prefix) at `q` (n,), by MuJoCo's own kinematics."""
         self._data.qpos[:] = self.full_qpos(q)
         self._mujoco.mj_kinematics(self._model, self._data)
-        found = self._data.site(self.robot.prefix + site)
-        return Pose.from_rotation(found.xpos, found.xmat.reshape(3, 3))
+        k = self.robot.site_ids[self.robot.robot.tool(site).name]
+        return Pose.from_rotation(self._data.site_xpos[k], self._data.site_xmat[k].reshape(3, 3))
 
     def distance(self, q: ArrayLike, *, limit: float = 10.0) -> Distance:
         """The smallest signed distance at `q` (n,), looked for up to `limit` metres."""
@@ -163,8 +166,7 @@ class CollisionModel:
             if distance < best:
                 best, nearest = distance, (a, b)
                 points = self._fromto.reshape(2, 3).copy()
-        names = (geom_name(model, nearest[0]), geom_name(model, nearest[1])) if nearest[0] >= 0 else ("", "")
-        return Distance(float(best), names, points)
+        return Distance(float(best), self._names(nearest), points, nearest)
 
     def excess(self, q: ArrayLike, moved: Array, *, limit: float = 10.0) -> tuple[float, Distance]:
         """By how much every pair's distance at `q` (n,) exceeds how far its links may move; the pair with the least.
@@ -196,8 +198,11 @@ class CollisionModel:
             if found - lost < least:
                 least, nearest, distance = found - lost, (a, b), found
                 points = self._fromto.reshape(2, 3).copy()
-        names = (geom_name(model, nearest[0]), geom_name(model, nearest[1])) if nearest[0] >= 0 else ("", "")
-        return float(least), Distance(float(distance), names, points)
+        return float(least), Distance(float(distance), self._names(nearest), points, nearest)
+
+    def _names(self, pair: tuple[int, int]) -> tuple[str, str]:
+        first, second = pair
+        return (geom_name(self._model, first), geom_name(self._model, second)) if first >= 0 else ("", "")
 
     def _links_of(self, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
         """For pairs of geoms the links (p, 2) that carry them, the lower first; 0 for what stands in the world."""
@@ -245,15 +250,6 @@ def _kernels() -> Any:
     return importlib.import_module("workcell.model.pair_bounds")
 
 
-def geom_name(model: object, geom: int) -> str:
-    """A geom's name, or its body's name and its number where it has none."""
-    name = model.geom(geom).name  # type: ignore[attr-defined]
-    if name:
-        return str(name)
-    body = int(model.geom_bodyid[geom])  # type: ignore[attr-defined]
-    return f"{model.body(body).name}#{geom - int(model.body_geomadr[body])}"  # type: ignore[attr-defined]
-
-
 def _colliding_pairs(
     scene: Scene,
     moving: set[int],
@@ -262,7 +258,7 @@ def _colliding_pairs(
     ignored: Iterable[str],
 ) -> NDArray[np.int64]:
     model = scene.model
-    pairs = colliding_pairs(model, moving, {model.body(name).id for name in ignored})
+    pairs = colliding_pairs(model, moving, bodies_called(model, ignored, "ignored"))
     if attached is None:
         return pairs
     carriers = _hand_bodies(robot)
@@ -274,7 +270,7 @@ def _colliding_pairs(
 
 def _hand_bodies(robot: SceneRobot) -> frozenset[int]:
     """Bodies that the tool's link carries: the hand may touch what it holds."""
-    return frozenset(robot.link_body_ids[robot.robot.tool().link])
+    return robot.own_ids.intersection(robot.link_body_ids[robot.robot.tool().link])
 
 
 def _is_grip(a: int, b: int, attached: SceneObject, carriers: frozenset[int]) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from workcell.model.collision_model import CollisionModel, geom_name
+from workcell.model.collision_model import CollisionModel
 from workcell.model.scene import Scene
 
 
@@ -14,17 +14,11 @@ def start_overlap(scene: Scene, robot: str) -> tuple[str, str] | None:
         return None
     first, second = start.pair
     remedy = "give a clear start, or move what it stands in"
-    bodies = [_body_of(scene, label) for label in start.pair]
-    if set(bodies) <= actor.body_ids:
+    bodies = [int(scene.model.geom_bodyid[geom]) for geom in start.geoms]
+    if actor.own_ids.issuperset(bodies):
         a, b = (scene.model.body(body).name.removeprefix(actor.prefix) for body in bodies)
         remedy = (
             "give a start without it; links that are meant to overlap are excluded in the robot's file: "
             f'<contact><exclude body1="{a}" body2="{b}"/></contact>'
         )
     return f"{first} and {second} overlap by {-1e3 * start.distance:.1f} mm", remedy
-
-
-def _body_of(scene: Scene, label: str) -> int:
-    """The body of a geom by the label that `geom_name` makes: its name, or BODY#NUMBER."""
-    labels = (geom_name(scene.model, geom) for geom in range(scene.model.ngeom))
-    return int(scene.model.geom_bodyid[next(g for g, name in enumerate(labels) if name == label)])

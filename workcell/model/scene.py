@@ -23,6 +23,7 @@ from workcell.model.loading.build import (
 )
 from workcell.model.loading.load import compile_spec, load_spec
 from workcell.model.loading.placing import attach_object, variation
+from workcell.model.loading.subtrees import members
 from workcell.model.loading.taskfile import RobotEntry, TaskFile
 from workcell.model.loading.warnings import heard_warnings, quiet_mujoco
 from workcell.model.scene_parts import Goal, SceneObject, SceneRobot, body_pose, site_pose
@@ -181,15 +182,22 @@ def _compiled(spec: mujoco.MjSpec, task: TaskFile, seed: int | None = None) -> S
     free = any(not entry.fixed for entry in task.objects)
     places = compile_spec(spec.copy(), task.cell) if free else None
     with quiet_mujoco(task.path):
-        homes = {entry.name: attach_robot(spec, entry, task) for entry in task.robots}
-        for k, entry in enumerate(task.objects):
-            attach_object(spec, entry, task, variation(entry, k, seed), places)
+        mounted = {entry.name: attach_robot(spec, entry, task) for entry in task.robots}
+        placed = {
+            entry.name: attach_object(spec, entry, task, variation(entry, k, seed), places)
+            for k, entry in enumerate(task.objects)
+        }
     if not task.robots:
-        task = robots_inside(spec, task)
-    add_grasp_welds(spec, task)
+        task, mounted = robots_inside(spec, task)
+    add_grasp_welds(spec, task, mounted, placed)
     model = compile_spec(spec, task.path)
-    robots = {entry.name: scene_robot(model, entry, homes.get(entry.name, {}), task) for entry in task.robots}
-    objects = {entry.name: scene_object(model, entry) for entry in task.objects}
+    roots = {("robot", name): [root.id for root in robot.roots] for name, robot in mounted.items()}
+    bodies = members(model, roots | {("object", name): [root.id] for name, root in placed.items()})
+    robots = {
+        entry.name: scene_robot(model, entry, bodies["robot", entry.name], mounted[entry.name].home, task)
+        for entry in task.robots
+    }
+    objects = {entry.name: scene_object(model, entry, bodies["object", entry.name]) for entry in task.objects}
     scene = Scene(
         name=task.name,
         path=task.path,

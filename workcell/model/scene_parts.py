@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,12 +26,15 @@ class SceneRobot:
         name: its name in the scene.
         prefix: of all its elements in the compiled model, e.g. `sawyer/`.
         robot: its kinematics, with the base where it is mounted.
-        body_ids: all its bodies, gripper included.
+        body_ids: all bodies that are its own, gripper included, and its guests.
         link_body_ids: for each link, the bodies that it carries.
         qpos_addresses, dof_addresses, actuator_ids: (n,) in the robot's joint order.
         gripper: name of the actuator that closes its gripper, or None.
         start: (n,) configuration at the start of the task.
         fingers: (address in qpos, home value) of the joints that are not planned for: the gripper's.
+        base_body: the body that its link 0 is, or that its first joint moves.
+        site_ids: ids of its tools' sites, by the tools' names.
+        guest_ids: bodies of others that its links carry: of an object fixed to its hand, of a robot on its flange.
     """
 
     name: str
@@ -44,6 +48,14 @@ class SceneRobot:
     gripper: str | None
     start: Array
     fingers: tuple[tuple[int, float], ...] = ()
+    base_body: int = 0
+    site_ids: Mapping[str, int] = field(default_factory=dict)
+    guest_ids: frozenset[int] = frozenset()
+
+    @property
+    def own_ids(self) -> frozenset[int]:
+        """Its own bodies, gripper included, without guests."""
+        return self.body_ids - self.guest_ids
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "start", read_only(self.start))

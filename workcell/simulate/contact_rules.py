@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.model.collision_model import geom_name
+from workcell.model.labels import geom_name
 from workcell.model.scene_parts import SceneObject
 
 if TYPE_CHECKING:

@@ -48,22 +48,31 @@ def inner_model(
 
     What the hand carries is left out.
     """
-    cover: SphereCover = _covers.get((scene.model, robot), lambda: _moving_cover(scene, robot))
-    collides = {frozenset(pair) for pair in collision.pairs}
-    owners = sorted(set(cover.source))
+    cover, owner = _covers.get((scene.model, robot), lambda: _moving_cover(scene, robot))
+    collides = {frozenset(pair) for pair in collision.pair_geoms.tolist()}
+    owners, fields = sorted(set(owner)), _height_fields(scene)
     kept = tuple(
-        piece for piece in obstacles if all(frozenset((owner, piece.name)) in collides for owner in owners)
+        piece
+        for piece in obstacles
+        if piece.geom not in fields and all(frozenset((one, piece.geom)) in collides for one in owners)
     )
-    return InnerModel(cover, kept, _self_pairs(cover, collides))
+    return InnerModel(cover, kept, _self_pairs(cover, owner, collides))
 
 
-def _moving_cover(scene: Scene, robot: SceneRobot) -> SphereCover:
-    """Spheres inside the links that joints move, each link's made once and kept on disk.
+def _height_fields(scene: Scene) -> set[int]:
+    """Ids of the height fields, whose many prisms no solver of inner models is asked about."""
+    import mujoco
+
+    return set(np.flatnonzero(scene.model.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD).tolist())
+
+
+def _moving_cover(scene: Scene, robot: SceneRobot) -> tuple[SphereCover, tuple[int, ...]]:
+    """Spheres inside the links that joints move, and the geom that each is in; each link's made once, kept on disk.
 
     On the tool's link every piece is filled by itself: thin fingers go where the target is.
     """
     tool = robot.robot.tool().link
-    parts: list[tuple[int, Array, Array, tuple[str, ...]]] = []
+    parts: list[tuple[int, Array, Array, list[Piece]]] = []
     for link, pieces in enumerate(robot_pieces(scene.model, robot)):
         if link == 0 or not pieces:
             continue
@@ -71,14 +80,16 @@ def _moving_cover(scene: Scene, robot: SceneRobot) -> SphereCover:
         make, purpose = functools.partial(_fill, pieces, each), "inner, each piece" if each else "inner"
         centre, radius, _ = cached_cover(pieces, SHARE, make, purpose)
         owner = ObstacleArrays(pieces).nearest(centre)[2]
-        parts.append((link, centre, radius, tuple(pieces[int(k)].name for k in owner)))
-    return SphereCover(
+        parts.append((link, centre, radius, [pieces[int(k)] for k in owner]))
+    inside = [piece for part in parts for piece in part[3]]
+    cover = SphereCover(
         np.repeat([part[0] for part in parts], [len(part[2]) for part in parts]),
         np.concatenate([np.zeros((0, 3)), *(part[1] for part in parts)]),
         np.concatenate([np.zeros(0), *(part[2] for part in parts)]),
         "inner",
-        source=tuple(name for part in parts for name in part[3]),
+        source=tuple(piece.name for piece in inside),
     )
+    return cover, tuple(piece.geom for piece in inside)
 
 
 def _fill(pieces: tuple[Piece, ...], each: bool) -> tuple[Array, Array, Array]:
@@ -88,12 +99,12 @@ def _fill(pieces: tuple[Piece, ...], each: bool) -> tuple[Array, Array, Array]:
     return np.concatenate([part.centre for part in balls]), radius, np.zeros(len(radius))
 
 
-def _self_pairs(cover: SphereCover, collides: set[frozenset[str]]) -> NDArray[np.int64]:
+def _self_pairs(
+    cover: SphereCover, geoms: tuple[int, ...], collides: set[frozenset[int]]
+) -> NDArray[np.int64]:
     """Pairs of spheres on different links whose geoms MuJoCo collides."""
     first, second = np.triu_indices(len(cover), 1)
     apart = cover.link[first] != cover.link[second]
-    real = [
-        frozenset((cover.source[a], cover.source[b])) in collides for a, b in zip(first, second, strict=True)
-    ]
+    real = [frozenset((geoms[a], geoms[b])) in collides for a, b in zip(first, second, strict=True)]
     kept = apart & np.array(real, dtype=bool)
     return np.stack([first[kept], second[kept]], axis=1)

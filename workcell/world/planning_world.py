@@ -14,8 +14,9 @@ from workcell.geometry.free_space.cuboids import biased_seeds, inflate_cuboids, 
 from workcell.geometry.pieces import scene_obstacles
 from workcell.geometry.types import FreeSpace, Piece, SphereCover, obstacle_name
 from workcell.ik.problem import IKProblem, Tolerances
-from workcell.model.collision_model import CollisionModel, geom_name
+from workcell.model.collision_model import CollisionModel
 from workcell.model.grip import fingers_at, fingers_holding, hand_clearance
+from workcell.model.labels import geom_name, geoms_called, obstacle_label
 from workcell.model.robot import Robot
 from workcell.model.scene import Scene
 from workcell.model.scene_parts import SceneRobot
@@ -123,11 +124,11 @@ class PlanningWorld:
         """The same world while the carried object still stands on `supports` (geoms), which it may touch."""
         if self.attached is None:
             raise InputError("the hand holds nothing", where="supports", remedy="call holding first")
-        standing = tuple(supports)
+        standing = geoms_called(self.scene.model, supports, "supports")
         pairs = _geom_pairs(self.scene, self.attached[0], standing)
         return replace(
             self,
-            obstacles=tuple(piece for piece in self.obstacles if piece.name not in standing),
+            obstacles=tuple(piece for piece in self.obstacles if piece.geom not in standing),
             collision=CollisionModel(
                 self.scene, self.robot.name, attached=self.attached, allowed_geoms=pairs
             ),
@@ -140,11 +141,11 @@ class PlanningWorld:
             UnknownNameError: no such robot.
         """
         others = frozenset[int]().union(*(self.scene.robot(name).body_ids for name in robots))
-        names = {self.scene.model.body(body).name for body in others}
+        body_of = self.scene.model.geom_bodyid
         return replace(
             self,
-            obstacles=tuple(piece for piece in self.obstacles if piece.body not in names),
-            collision=self.collision.ignoring(names),
+            obstacles=tuple(piece for piece in self.obstacles if int(body_of[piece.geom]) not in others),
+            collision=self.collision.ignoring(others),
         )
 
     def close_to(self, geoms: Iterable[str]) -> PlanningWorld:
@@ -155,20 +156,23 @@ class PlanningWorld:
         Raises:
             UnknownNameError: no obstacle has that name.
         """
-        near, known = tuple(geoms), {piece.name for piece in self.obstacles}
-        absent = [name for name in near if name not in known and not self._is_carried(name)]
-        if absent:
-            raise UnknownNameError("geom", absent[0], known, where="close_to")
-        return replace(self, obstacles=tuple(piece for piece in self.obstacles if piece.name not in near))
-
-    def _is_carried(self, geom: str) -> bool:
-        return self.attached is not None and geom.startswith(f"{self.attached[0]}/")
+        model, known = self.scene.model, {piece.geom for piece in self.obstacles}
+        if self.attached is not None:
+            carried = self.scene.object(self.attached[0]).body_ids
+            known.update(np.flatnonzero(np.isin(model.geom_bodyid, list(carried))).tolist())
+        names = {geom_name(model, geom): geom for geom in sorted(known)}
+        near = set()
+        for name in geoms:
+            if name not in names:
+                raise UnknownNameError("geom", name, names, where="close_to")
+            near.add(names[name])
+        return replace(self, obstacles=tuple(piece for piece in self.obstacles if piece.geom not in near))
 
     def relaxed(self, problem: IKProblem, names: Collection[str]) -> IKProblem:
         """A question of this world with some obstacles (`obstacle_name`) out of the way, for all who judge it."""
         model = self.scene.model
-        bodies = {model.body(b).name for b in range(model.nbody)}.intersection(names)
-        collision = self.collision.ignoring(bodies, [name for name in names if name not in bodies])
+        gone = [geom for geom in range(model.ngeom) if obstacle_label(model, geom) in names]
+        collision = self.collision.ignoring((), gone)
         kept = tuple(piece for piece in problem.obstacles if obstacle_name(piece) not in names)
         world = replace(self, obstacles=kept, collision=collision)
         return replace(problem, obstacles=kept, checker=world.clearance, inner=world._inside, free_space=None)
@@ -232,17 +236,10 @@ class PlanningWorld:
         return replace(self, free_space=FreeSpace(lower[kept], upper[kept]))
 
 
-def _geom_pairs(scene: Scene, thing: str, supports: Iterable[str]) -> list[tuple[int, int]]:
+def _geom_pairs(scene: Scene, thing: str, supports: Iterable[int]) -> list[tuple[int, int]]:
     """Every geom of an object with every support."""
-    model = scene.model
-    mine = scene.object(thing).body_ids
-    known = [geom_name(model, g) for g in range(model.ngeom)]
-    below = []
-    for name in supports:
-        if name not in known:
-            raise UnknownNameError("geom", name, known, where="supports")
-        below.append(known.index(name))
-    return [(g, other) for g in range(model.ngeom) if int(model.geom_bodyid[g]) in mine for other in below]
+    mine = np.isin(scene.model.geom_bodyid, list(scene.object(thing).body_ids))
+    return [(int(geom), other) for geom in np.flatnonzero(mine) for other in supports]
 
 
 def workspace_bounds(robot: Robot, slack: float = 0.2) -> Array:

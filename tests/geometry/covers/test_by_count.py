@@ -44,7 +44,7 @@ def test_random_points_find_nothing_wrong_with_a_robots_cover(kind):
     model, robot = load_compiled("ur10")[:2]
     cover = model_cover(model, robot, kind=kind, count=22 if kind == "inner" else None)
     assert len(cover) <= 60
-    bodies = [[], *map(list, link_bodies(model, robot, "")[1:])]
+    bodies = [[], *map(list, link_bodies(model, robot)[1:])]
     assert violations(model, bodies, cover, 6000, np.random.default_rng(1)) == 0
     off = 0.01 if kind == "inner" else -0.01
     broken = SphereCover(cover.link, cover.centre, cover.radius + off, cover.kind)

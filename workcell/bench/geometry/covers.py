@@ -66,7 +66,7 @@ def _robot(name: str) -> Made:
 
     model, robot = load_compiled(name)[:2]
     links = [(), *model_pieces(model, robot)[1:]]
-    bodies = [[], *(list(ids) for ids in list(link_bodies(model, robot, ""))[1:])]
+    bodies = [[], *(list(ids) for ids in list(link_bodies(model, robot))[1:])]
     return model, links, lambda **options: model_cover(model, robot, **options), bodies
 
 

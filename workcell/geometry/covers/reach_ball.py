@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -67,4 +67,4 @@ def part_in_reach(piece: Piece, ball: ReachBall) -> Piece | None:
     elif np.all(low <= lower) and np.all(high >= upper):
         return piece
     middle = Pose(piece.pose.apply(0.5 * (low + high)), piece.pose.quat_wxyz)
-    return Piece(piece.name, "box", middle, 0.5 * (high - low), body=piece.body)
+    return replace(piece, kind="box", pose=middle, size=0.5 * (high - low))

@@ -34,6 +34,34 @@ def is_motor(model: mujoco.MjModel, actuator: int) -> bool:
     return bool(fixed and unbiased and static)
 
 
+def actuator_targets(model: mujoco.MjModel, actuator: int) -> tuple[int, ...]:
+    """Bodies that an actuator acts on: by a joint, a site, a body, or a tendon through its joints, sites and geoms."""
+    import mujoco
+
+    kind, target = int(model.actuator_trntype[actuator]), int(model.actuator_trnid[actuator, 0])
+    transmission = mujoco.mjtTrn
+    if kind in (transmission.mjTRN_JOINT, transmission.mjTRN_JOINTINPARENT):
+        return (int(model.jnt_bodyid[target]),)
+    if kind in (transmission.mjTRN_SITE, transmission.mjTRN_SLIDERCRANK):
+        return (int(model.site_bodyid[target]),)
+    if kind == transmission.mjTRN_BODY:
+        return (target,)
+    if kind != transmission.mjTRN_TENDON:
+        return ()
+    owner = {
+        int(mujoco.mjtWrap.mjWRAP_JOINT): model.jnt_bodyid,
+        int(mujoco.mjtWrap.mjWRAP_SITE): model.site_bodyid,
+        int(mujoco.mjtWrap.mjWRAP_SPHERE): model.geom_bodyid,
+        int(mujoco.mjtWrap.mjWRAP_CYLINDER): model.geom_bodyid,
+    }
+    wraps = range(int(model.tendon_adr[target]), int(model.tendon_adr[target] + model.tendon_num[target]))
+    return tuple(
+        int(owner[int(model.wrap_type[w])][model.wrap_objid[w]])
+        for w in wraps
+        if int(model.wrap_type[w]) in owner
+    )
+
+
 def effort_limits(model: mujoco.MjModel, joints: Sequence[int]) -> Array:
     """(k,) largest torques (forces) on joints; inf where neither the joint nor its actuator has a limit.
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,9 +12,11 @@ import numpy as np
 from workcell.errors import InputError, ModelError, UnknownNameError
 from workcell.model.loading.actuators import actuator_of_joint
 from workcell.model.loading.assets import find_asset, find_task, is_path, list_assets, list_tasks
-from workcell.model.loading.compiled import link_bodies, robot_from_model
+from workcell.model.loading.compiled import compiled_robot
+from workcell.model.loading.labels import keep_apart
 from workcell.model.loading.load import compile_spec, load_spec
 from workcell.model.loading.placing import cell_site
+from workcell.model.loading.subtrees import Members, actuators_of, bodies_of_links
 from workcell.model.loading.taskfile import ObjectEntry, RobotEntry, TaskFile, read_task_file
 from workcell.model.scene_parts import SceneObject, SceneRobot
 
@@ -22,6 +25,21 @@ if TYPE_CHECKING:
 
 GRASP = "grasp:{robot}:{object}"
 """Name of the weld, inactive at first, that holds an object to a robot's hand once the simulation grasps it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mounted:
+    """A robot in a cell that is not compiled yet.
+
+    Attributes:
+        roots: its root bodies.
+        hand: the body that carries its gripper's tool, or None.
+        home: values of its keyframe `home` by joint name.
+    """
+
+    roots: tuple[mujoco.MjsBody, ...]
+    hand: mujoco.MjsBody | None = None
+    home: Mapping[str, float] = field(default_factory=dict)
 
 
 def task_of(source: str | Path, robot: str | None) -> TaskFile:
@@ -52,9 +70,9 @@ def task_of(source: str | Path, robot: str | None) -> TaskFile:
     return TaskFile(path, path.stem, str(path), robots)
 
 
-def attach_robot(spec: mujoco.MjSpec, entry: RobotEntry, task: TaskFile) -> dict[str, float]:
-    """Mount a robot (and its gripper) in the cell; returns its home values by joint name."""
-    where = f"{task.path}: robot {entry.name!r}"
+def attach_robot(spec: mujoco.MjSpec, entry: RobotEntry, task: TaskFile) -> Mounted:
+    """Mount a robot (and its gripper) in the cell."""
+    where, tool = f"{task.path}: robot {entry.name!r}", None
     arm = load_spec(entry.model, relative_to=task.path.parent, where=f"{where} model")
     home = _take_home(arm, entry.model)
     if entry.gripper is not None:
@@ -65,16 +83,19 @@ def attach_robot(spec: mujoco.MjSpec, entry: RobotEntry, task: TaskFile) -> dict
             raise UnknownNameError(
                 "site", entry.gripper_site, [s.name for s in arm.sites], where=f"{task.path}: gripper_site"
             )
+        keep_apart(arm, gripper, "gripper/", f"{where} gripper")
+        tool = gripper.site("tool")
         arm.attach(gripper, site=site, prefix="gripper/")
     mount = entry.mount or ("robot_mount" if spec.site("robot_mount") is not None else None)
-    prefix = f"{entry.name}/"
+    prefix, roots = f"{entry.name}/", tuple(arm.worldbody.bodies)
+    keep_apart(spec, arm, prefix, f"{where} model")
     if mount is None:
         spec.attach(arm, frame=spec.worldbody.add_frame(), prefix=prefix)
     else:
         spec.attach(
             arm, site=cell_site(spec, mount, f"{task.path}: robot {entry.name!r} mount"), prefix=prefix
         )
-    return home
+    return Mounted(roots, None if tool is None else tool.parent, home)
 
 
 def _take_home(spec: mujoco.MjSpec, where: str) -> dict[str, float]:
@@ -93,7 +114,7 @@ def _take_home(spec: mujoco.MjSpec, where: str) -> dict[str, float]:
     return home
 
 
-def robots_inside(spec: mujoco.MjSpec, task: TaskFile) -> TaskFile:
+def robots_inside(spec: mujoco.MjSpec, task: TaskFile) -> tuple[TaskFile, dict[str, Mounted]]:
     """A cell file that holds its robot: of the bodies with actuated joints that with a site `tool`; doors have none.
 
     Raises:
@@ -105,54 +126,48 @@ def robots_inside(spec: mujoco.MjSpec, task: TaskFile) -> TaskFile:
     driven = [
         root for root in spec.worldbody.bodies if moving & {joint.name for joint in root.find_all("joint")}
     ]
-    sites = {root.name: [site.name.rsplit("/", 1)[-1] for site in root.find_all("site")] for root in driven}
-    named = [name for name, inside in sites.items() if "tool" in inside]
+    sites = [[site.name.rsplit("/", 1)[-1] for site in root.find_all("site")] for root in driven]
+    named = [root for root, inside in zip(driven, sites, strict=True) if "tool" in inside]
     if len(named) > 1:
         raise ModelError(
-            f"the cell holds {len(named)} robots: {', '.join(named)}",
+            f"the cell holds {len(named)} robots: {', '.join(root.name for root in named)}",
             where=task.path,
             remedy="leave one, or give each a file of its own and put them together in a task file",
         )
-    found = named or [name for name, inside in sites.items() if inside] or list(sites)
-    return replace(task, robots=(RobotEntry(found[0], ""),)) if found else task
+    found = named or [root for root, inside in zip(driven, sites, strict=True) if inside] or driven
+    if not found:
+        return task, {}
+    root = found[0]
+    return replace(task, robots=(RobotEntry(root.name, ""),)), {root.name: Mounted((root,))}
 
 
-def add_grasp_welds(spec: mujoco.MjSpec, task: TaskFile) -> None:
+def add_grasp_welds(
+    spec: mujoco.MjSpec, task: TaskFile, robots: Mapping[str, Mounted], objects: Mapping[str, mujoco.MjsBody]
+) -> None:
     """A weld, inactive at first, between every hand and every free object: what a grasp switches on."""
     import mujoco
 
-    for robot in task.robots:
-        hand = _hand_body(spec, robot)
+    for name, robot in robots.items():
         for thing in task.objects:
-            if hand is None or thing.fixed:
+            if robot.hand is None or thing.fixed:
                 continue
-            root = next(b.name for b in spec.worldbody.bodies if b.name.startswith(f"{thing.name}/"))
             weld = spec.add_equality(
-                name=GRASP.format(robot=robot.name, object=thing.name),
+                name=GRASP.format(robot=name, object=thing.name),
                 type=mujoco.mjtEq.mjEQ_WELD,
                 objtype=mujoco.mjtObj.mjOBJ_BODY,
-                name1=hand,
-                name2=root,
+                name1=robot.hand.name,
+                name2=objects[thing.name].name,
             )
             weld.active = False
 
 
-def _hand_body(spec: mujoco.MjSpec, robot: RobotEntry) -> str | None:
-    """The body that carries the gripper's tool site."""
-    if robot.gripper is None:
-        return None
-    for site in spec.sites:
-        if site.name == f"{robot.name}/gripper/tool":
-            return str(site.parent.name)
-    return None
-
-
 def scene_robot(
-    model: mujoco.MjModel, entry: RobotEntry, home: dict[str, float], task: TaskFile
+    model: mujoco.MjModel, entry: RobotEntry, mine: Members, home: Mapping[str, float], task: TaskFile
 ) -> SceneRobot:
     """Where a robot of the task lives in the compiled model; `home` by joint name, from its keyframe."""
     prefix = f"{entry.name}/" if entry.model else ""
-    robot = robot_from_model(model, prefix=prefix, name=entry.name, where=task.path)
+    found = compiled_robot(model, bodies=mine.own, prefix=prefix, name=entry.name, where=task.path)
+    robot, joints = found.robot, found.joints
     values = [home.get(joint, robot.home[k]) for k, joint in enumerate(robot.joint_names)]
     robot = replace(robot, home=np.array(values))
     start = robot.home
@@ -160,29 +175,30 @@ def scene_robot(
         where = f"{task.path}: robot {entry.name!r} start"
         start = robot.configuration(np.array(entry.start), where=where)
         robot.check_limits(start, where=where)
-    joints = [model.joint(prefix + name).id for name in robot.joint_names]
-    links = link_bodies(model, robot, prefix)
-    bodies = frozenset(body for link in links for body in link)
-    if not prefix:
-        bodies = _subtree(model, robot.link_names[0])
-        links = tuple(tuple(body for body in link if body in bodies) for link in links)
+    base, *carried = bodies_of_links(model, joints, mine.own | mine.guests)
+    links = (tuple(body for body in base if body in mine.own), *carried)
+    guests = mine.guests.intersection(body for link in carried for body in link)
+    passive = mine.own - set(model.jnt_bodyid[list(joints)].tolist())
     return SceneRobot(
         name=entry.name,
         prefix=prefix,
         robot=robot,
-        body_ids=bodies,
+        body_ids=mine.own | guests,
         link_body_ids=links,
         qpos_addresses=np.array([model.jnt_qposadr[j] for j in joints]),
         dof_addresses=np.array([model.jnt_dofadr[j] for j in joints]),
         actuator_ids=np.array([actuator_of_joint(model, j) for j in joints]),
-        gripper=_gripper_actuator(model, prefix, robot.joint_names),
+        gripper=_gripper_actuator(model, mine.own, joints),
         start=start,
-        fingers=_fingers(model, bodies - set(model.jnt_bodyid[joints].tolist()), prefix, home),
+        fingers=_fingers(model, passive, prefix, home),
+        base_body=found.base,
+        site_ids=found.sites,
+        guest_ids=guests,
     )
 
 
 def _fingers(
-    model: mujoco.MjModel, bodies: frozenset[int], prefix: str, home: dict[str, float]
+    model: mujoco.MjModel, bodies: frozenset[int], prefix: str, home: Mapping[str, float]
 ) -> tuple[tuple[int, float], ...]:
     """(address in qpos, home value) of the hinges and slides of some bodies; without a keyframe those of `qpos0`."""
     import mujoco
@@ -197,33 +213,21 @@ def _fingers(
     return tuple(found)
 
 
-def _gripper_actuator(model: mujoco.MjModel, prefix: str, joints: tuple[str, ...]) -> str | None:
-    for actuator in range(model.nu):
+def _gripper_actuator(model: mujoco.MjModel, bodies: frozenset[int], joints: tuple[int, ...]) -> str | None:
+    """The name of the actuator `gripper` of some bodies that drives none of the joints."""
+    driving = {actuator_of_joint(model, joint) for joint in joints}
+    for actuator in actuators_of(model, bodies):
         name = str(model.actuator(actuator).name)
-        if (
-            name.startswith(prefix)
-            and name.rsplit("/", 1)[-1] == "gripper"
-            and name.removeprefix(prefix) not in joints
-        ):
+        if name.rsplit("/", 1)[-1] == "gripper" and actuator not in driving:
             return name
     return None
 
 
-def scene_object(model: mujoco.MjModel, entry: ObjectEntry) -> SceneObject:
+def scene_object(model: mujoco.MjModel, entry: ObjectEntry, mine: Members) -> SceneObject:
     """Where an object of the task lives in the compiled model."""
-    prefix = f"{entry.name}/"
-    bodies = frozenset(b for b in range(1, model.nbody) if model.body(b).name.startswith(prefix))
-    root = min(bodies)
+    root = mine.roots[0]
     address = None if entry.fixed else int(model.jnt_qposadr[model.body_jntadr[root]])
-    return SceneObject(entry.name, root, bodies, address)
-
-
-def _subtree(model: mujoco.MjModel, root: str) -> frozenset[int]:
-    inside = {model.body(root).id}
-    for body in range(model.nbody):
-        if int(model.body_parentid[body]) in inside:
-            inside.add(body)
-    return frozenset(inside)
+    return SceneObject(entry.name, root, mine.own, address)
 
 
 def obstacles_of(

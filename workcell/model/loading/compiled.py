@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +12,7 @@ import numpy as np
 from workcell.errors import ModelError, UnknownNameError
 from workcell.model.loading.actuators import actuator_of_joint, effort_limits
 from workcell.model.loading.couplings import locked_values
+from workcell.model.loading.subtrees import bodies_of_links, joints_of, path_to
 from workcell.model.robot import LIMIT_SLACK, Robot, Tool
 from workcell.pose import Array, Pose, axis_angle_to_matrix
 
@@ -22,22 +23,48 @@ VELOCITY, ACCELERATION = ":velocity", ":acceleration"
 """Suffixes of the `<numeric>` elements that carry a joint's limits, which MJCF itself has no attribute for."""
 
 
+@dataclass(frozen=True, slots=True)
+class CompiledRobot:
+    """A `Robot`, and where it lives in its compiled model.
+
+    Attributes:
+        robot: its kinematics.
+        base: id of the body that is its link 0, or that its first joint moves.
+        joints: ids of its joints, in order.
+        sites: ids of its tools' sites, by the tools' names.
+    """
+
+    robot: Robot
+    base: int
+    joints: tuple[int, ...]
+    sites: Mapping[str, int]
+
+
 def robot_from_model(
+    model: mujoco.MjModel, *, name: str = "robot", tool: str | None = None, where: str | Path | None = None
+) -> Robot:
+    """The one robot of a compiled model; raises as `compiled_robot`."""
+    return compiled_robot(model, name=name, tool=tool, where=where).robot
+
+
+def compiled_robot(
     model: mujoco.MjModel,
     *,
+    bodies: Collection[int] | None = None,
     prefix: str = "",
     name: str = "robot",
     tool: str | None = None,
     where: str | Path | None = None,
-) -> Robot:
-    """The actuated joints between a robot's root body and its tool, as a `Robot`.
+) -> CompiledRobot:
+    """The actuated joints between a robot's root body and its tool, as a `Robot`, and their ids.
 
     The tool is a site: `tool` if named (with or without the prefix); else the site called `tool` that lies deepest
     (a gripper's hides the arm's own); else the deepest site. All other sites on those links are tools too.
 
     Args:
         model: compiled model that holds the robot.
-        prefix: what the robot's elements are prefixed with.
+        bodies: ids of the robot's own bodies; None: all.
+        prefix: of its elements' names in the model, which its own names are without.
         name: the robot's name in messages.
         tool: a site's name.
         where: the file, for messages.
@@ -46,24 +73,24 @@ def robot_from_model(
         ModelError: no actuated joint, no site, or a joint that is neither hinge nor slide on the way to the tool.
         UnknownNameError: no site of that name.
     """
-    bodies = _bodies_with_prefix(model, prefix)
+    bodies = frozenset(range(1, model.nbody) if bodies is None else bodies)
     if not bodies:
-        raise ModelError(f"no body has the prefix {prefix!r}", where=where)
-    if not any(_is_actuated(model, joint) for body in bodies for joint in _joints_of(model, body)):
+        raise ModelError(f"the robot {name!r} has no body", where=where)
+    if not any(_is_actuated(model, joint) for body in bodies for joint in joints_of(model, body)):
         raise ModelError(
             f"the robot {name!r} has no actuated joint",
             where=where,
             remedy="add an <actuator> with a <motor joint=...> for every joint that workcell may move",
         )
     site = _tool_site(model, bodies, prefix, tool, name, where)
-    path = _body_path(model, int(model.site_bodyid[site]), bodies)
+    path = path_to(model, int(model.site_bodyid[site]), bodies)
     walk = _walk(model, path, name, where)
-    tools = _tools(model, bodies, prefix, walk)
+    tools, sites = _tools(model, bodies, prefix, walk)
     joint_names = tuple(model.joint(j).name.removeprefix(prefix) for j in walk.joints)
     count = len(walk.joints)
     home = [_home_value(model, j, prefix) for j in walk.joints]
     lower, upper = _limits(model, walk.joints, where)
-    return Robot(
+    robot = Robot(
         name=name,
         joint_names=joint_names,
         link_names=(
@@ -85,6 +112,7 @@ def robot_from_model(
         T_world_base=_pose_of_fixed_body(model, path[0]),
         home=np.array(home),
     )
+    return CompiledRobot(robot, path[0], tuple(walk.joints), sites)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +133,7 @@ def _walk(model: mujoco.MjModel, path: Sequence[int], name: str, where: str | Pa
     for body in path:
         if body != path[0]:
             T_link_body = T_link_body @ Pose(model.body_pos[body], model.body_quat[body])
-        for joint in _joints_of(model, body):
+        for joint in joints_of(model, body):
             if not _is_actuated(model, joint) or int(model.jnt_type[joint]) not in (_hinge(), _slide()):
                 kind = "is not actuated" if not _is_actuated(model, joint) else "is neither hinge nor slide"
                 raise ModelError(
@@ -129,21 +157,25 @@ def _walk(model: mujoco.MjModel, path: Sequence[int], name: str, where: str | Pa
     return walk
 
 
-def _tools(model: mujoco.MjModel, bodies: set[int], prefix: str, walk: _Walk) -> dict[str, Tool]:
-    tools = {}
+def _tools(
+    model: mujoco.MjModel, bodies: Collection[int], prefix: str, walk: _Walk
+) -> tuple[dict[str, Tool], dict[str, int]]:
+    """The sites that the walk's links carry: as tools, and their ids."""
+    tools, sites = {}, {}
     for site in range(model.nsite):
         body = int(model.site_bodyid[site])
         name = model.site(site).name
         if body not in bodies or not name:
             continue
         T = Pose(model.site_pos[site], model.site_quat[site])
-        while body not in walk.link_of_body and body in bodies and not _joints_of(model, body):
+        while body not in walk.link_of_body and body in bodies and not joints_of(model, body):
             T = Pose(model.body_pos[body], model.body_quat[body]) @ T
             body = int(model.body_parentid[body])
         if body in walk.link_of_body:
             name = name.removeprefix(prefix)
             tools[name] = Tool(name, walk.link_of_body[body], walk.T_link_body[body] @ T)
-    return tools
+            sites[name] = site
+    return tools, sites
 
 
 def is_gripper(model: mujoco.MjModel) -> bool:
@@ -159,25 +191,14 @@ def is_gripper(model: mujoco.MjModel) -> bool:
     return actuators == ["gripper"] and not driven
 
 
-def link_bodies(model: mujoco.MjModel, robot: Robot, prefix: str) -> tuple[tuple[int, ...], ...]:
-    """For each link of a robot, the MuJoCo bodies that it carries (a gripper's fingers with the hand)."""
-    moved = {
-        model.body(int(model.joint(prefix + joint).bodyid[0])).id: k + 1
-        for k, joint in enumerate(robot.joint_names)
-    }
-    links: list[list[int]] = [[] for _ in robot.link_names]
-    bodies = _bodies_with_prefix(model, prefix)
-    for body in sorted(bodies):
-        ancestor = body
-        while ancestor in bodies and ancestor not in moved:
-            ancestor = int(model.body_parentid[ancestor])
-        links[moved.get(ancestor, 0)].append(body)
-    return tuple(tuple(link) for link in links)
+def link_bodies(model: mujoco.MjModel, robot: Robot) -> tuple[tuple[int, ...], ...]:
+    """For each link of a robot that was compiled by itself, the MuJoCo bodies that it carries."""
+    return bodies_of_links(model, [model.joint(name).id for name in robot.joint_names], range(1, model.nbody))
 
 
 def _tool_site(
     model: mujoco.MjModel,
-    bodies: set[int],
+    bodies: Collection[int],
     prefix: str,
     tool: str | None,
     name: str,
@@ -202,27 +223,10 @@ def _tool_site(
 
     def depth(item: tuple[str, int]) -> tuple[bool, int]:
         return item[0].rsplit("/", 1)[-1] == "tool", len(
-            _body_path(model, int(model.site_bodyid[item[1]]), bodies)
+            path_to(model, int(model.site_bodyid[item[1]]), bodies)
         )
 
     return max(sites.items(), key=depth)[1]
-
-
-def _bodies_with_prefix(model: mujoco.MjModel, prefix: str) -> set[int]:
-    return {b for b in range(1, model.nbody) if model.body(b).name.startswith(prefix)}
-
-
-def _body_path(model: mujoco.MjModel, body: int, bodies: set[int]) -> list[int]:
-    path = []
-    while body in bodies:
-        path.append(body)
-        body = int(model.body_parentid[body])
-    return path[::-1]
-
-
-def _joints_of(model: mujoco.MjModel, body: int) -> range:
-    first = int(model.body_jntadr[body])
-    return range(first, first + int(model.body_jntnum[body])) if first >= 0 else range(0)
 
 
 def _is_actuated(model: mujoco.MjModel, joint: int) -> bool:

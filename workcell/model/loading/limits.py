@@ -125,8 +125,6 @@ def _lock(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, deviation: float) -> None
     """Hold a joint at a deviation (radians, metres) from its reference."""
     import mujoco
 
-    if not joint.name:
-        joint.name = f"joint of {joint.parent.name or 'a body without a name'}"
     lock = spec.add_equality(
         name=LOCK.format(joint=joint.name),
         type=mujoco.mjtEq.mjEQ_JOINT,

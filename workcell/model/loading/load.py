@@ -13,6 +13,7 @@ import numpy as np
 from workcell.errors import ModelError
 from workcell.model.loading.assets import MODEL_SUFFIXES, AssetKind, find_asset
 from workcell.model.loading.compiled import VELOCITY, robot_from_model
+from workcell.model.loading.labels import label
 from workcell.model.loading.limits import lock_equal_limits, marked_source, set_urdf_limits
 from workcell.model.loading.warnings import quiet_mujoco
 from workcell.model.robot import Robot
@@ -27,17 +28,20 @@ def load_spec(
     kind: AssetKind = "robots",
     relative_to: Path | None = None,
     where: str | None = None,
+    root: str = "",
 ) -> mujoco.MjSpec:
     """The editable MuJoCo model of an asset name, an MJCF file or a URDF file.
 
     A URDF gets a torque actuator on every moving joint, since URDF has none, and keeps its velocity limits; its
-    `package://` references are looked for in the folders above the file.
+    `package://` references are looked for in the folders above the file. What the file leaves without a name gets a
+    label (`workcell.model.loading.labels`).
 
     Args:
         name: of an asset, or the path of a file.
         kind: of asset.
         relative_to: folder that relative paths start from; the working directory otherwise.
         where: what names the model, for messages.
+        root: what a root body without a name is called, where it is the only one.
 
     Raises:
         ModelError: missing or malformed file, with MuJoCo's own message; UnknownNameError: no asset of that name.
@@ -54,9 +58,12 @@ def load_spec(
     try:
         with quiet_mujoco(path):
             if path.suffix.lower() == ".urdf" or "<robot" in path.read_text(errors="replace")[:2000]:
-                return _load_urdf(path)
-            spec = _mjcf(path)
-        _make_asset_paths_absolute(spec, path)
+                spec = _load_urdf(path)
+                label(spec, root)
+            else:
+                spec = _mjcf(path)
+                label(spec, root)
+                lock_equal_limits(spec)
     except UnicodeDecodeError:
         raise ModelError(
             "this is not a text file", where=path, remedy="an MJCF or URDF file is one"
@@ -65,6 +72,7 @@ def load_spec(
         raise ModelError(
             f"MuJoCo can't read this file: {_one_line(error)}", where=path, remedy="mend the file"
         ) from None
+    spec.compiler.fusestatic = False  # every body of the file is one of the model
     return spec
 
 
@@ -114,7 +122,7 @@ def _mjcf(path: Path) -> mujoco.MjSpec:
         spec = mujoco.MjSpec.from_file(str(path))
     else:
         spec = mujoco.MjSpec.from_string(path.read_text(encoding="utf-8"))
-    lock_equal_limits(spec)
+    _make_asset_paths_absolute(spec, path)
     return spec
 
 
@@ -135,7 +143,6 @@ def _load_urdf(path: Path) -> mujoco.MjSpec:
     robot = ElementTree.fromstring(text)
     set_urdf_limits(spec, robot, path)
     spec.compiler.discardvisual = False
-    spec.compiler.fusestatic = False
     spec.meshdir = spec.texturedir = str(path.parent)
     for joint in spec.joints:
         if joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workcell.errors import ModelError, UnknownNameError
+from workcell.model.loading.labels import keep_apart
 from workcell.model.loading.load import load_spec
 from workcell.model.loading.taskfile import ObjectEntry, TaskFile
 from workcell.pose import Pose
@@ -36,7 +37,7 @@ def variation(entry: ObjectEntry, index: int, seed: int | None) -> Pose:
 
 def attach_object(
     spec: mujoco.MjSpec, entry: ObjectEntry, task: TaskFile, moved: Pose, places: mujoco.MjModel | None
-) -> None:
+) -> mujoco.MjsBody:
     """Attach an object to a cell at its site.
 
     Args:
@@ -45,22 +46,34 @@ def attach_object(
         moved: by how much it stands elsewhere, in the site's frame.
         places: the cell compiled by itself, where sites stand as their angles and frames say; None: nothing is free.
 
+    Returns:
+        The object's root body.
+
     Raises:
-        ModelError: no single root body, a site on a body, or a free object's root with a joint of its own;
-            UnknownNameError: no such site.
+        ModelError: no single root body, geometry beside it, a site on a body, a free object's root with a joint of its
+            own, or a name that is there already; UnknownNameError: no such site.
     """
     where = f"{task.path}: object {entry.name!r}"
-    model = load_spec(entry.model, kind="objects", relative_to=task.path.parent, where=f"{where} model")
+    model = load_spec(
+        entry.model, kind="objects", relative_to=task.path.parent, where=f"{where} model", root=entry.name
+    )
     roots = list(model.worldbody.bodies)
     if len(roots) != 1:
         raise ModelError(f"an object file holds one root body, not {len(roots)}", where=where)
+    beside = list(model.worldbody.geoms)
+    if beside and not entry.fixed:
+        raise ModelError(
+            f"the geom {beside[0].name!r} of an object that moves lies beside its body {roots[0].name!r}",
+            where=where,
+            remedy="put it into the body, or the object with fixed = true",
+        )
     root, prefix = roots[0], f"{entry.name}/"
-    name = root.name = root.name or entry.name
+    keep_apart(spec, model, prefix, where)
     place = cell_site(spec, entry.place, f"{where} place")
     if entry.fixed or places is None:
         _without_free_joint(model)
         spec.attach(model, site=place, prefix=prefix)
-        return
+        return root
     if place.parent.name != "world" or place.name not in {places.site(k).name for k in range(places.nsite)}:
         raise ModelError(f"the site {place.name!r} must belong to the cell's world body", where=where)
     _without_free_joint(model)
@@ -74,7 +87,8 @@ def attach_object(
     stands = Pose(site.pos, site.quat) @ moved
     frame = spec.worldbody.add_frame(pos=stands.position, quat=stands.quat_wxyz)
     spec.attach(model, frame=frame, prefix=prefix)
-    spec.body(prefix + name).add_freejoint(name=prefix + "free")
+    root.add_freejoint(name=prefix + "free")
+    return root
 
 
 def _without_free_joint(model: mujoco.MjSpec) -> None:

@@ -17,6 +17,7 @@ from workcell.errors import InputError
 from workcell.ik.problem import Clearance
 from workcell.model.collision_model import CollisionModel
 from workcell.model.joined import columns, joined_robot
+from workcell.model.labels import geoms_called
 from workcell.model.robot import Robot
 from workcell.model.scene import Scene
 from workcell.motion.path import Path, Trajectory
@@ -264,7 +265,7 @@ def _models(
     scene = next(iter(worlds.values())).scene
     robots = [scene.robot(name) for name in worlds]
     hands = [body for robot in robots for body in robot.link_body_ids[robot.robot.tool().link]]
-    below = [scene.model.geom(name).id for name in supports]
+    below = geoms_called(scene.model, supports, "supports")
     allowed = list(product(_geoms(scene, scene.object(thing).body_ids), _geoms(scene, hands) + below))
     return tuple(
         CollisionModel(scene, name, attached=world.attached, allowed_geoms=allowed)

@@ -14,6 +14,8 @@ from workcell.geometry.types import FreeSpace, Piece, SphereCover
 from workcell.model.robot import Robot
 from workcell.pose import Array, Pose, read_only
 
+STEP_SLACK = 1e-9
+"""Radians, or Frobenius norm, by which a configuration may exceed the bounds against its reference."""
 Goal = Literal["pose", "position", "axis"]
 """What of the target counts: the whole pose; the tool's position alone; its position and the direction of its z
 axis."""

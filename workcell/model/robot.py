@@ -19,6 +19,11 @@ from workcell.pose import Array, Pose, axis_angle_to_matrix, read_only
 LIMIT_SLACK = 1e-6
 """Radians (metres) by which a configuration may exceed its limits and still count as inside them."""
 
+_NEARLY = 1e-6
+"""How far axes may be from unit vectors, and joint frames from rotations; they are made exact."""
+_ROUNDED = 3e-15
+"""How far from exact rounding alone may leave them: such are taken as they are."""
+
 
 @dataclass(frozen=True, slots=True)
 class Tool:
@@ -42,8 +47,8 @@ class Robot:
         link_names: n + 1 names, base first.
         parents: (n,) index of the link that carries each joint.
         joint_xyz: (n, 3) metres, joint frame in the parent link.
-        joint_rotation: (n, 3, 3), joint frame in the parent link.
-        axis: (n, 3) unit vectors in the joint frame.
+        joint_rotation: (n, 3, 3), joint frame in the parent link; what is a rotation to 1e-6 is made one.
+        axis: (n, 3) unit vectors in the joint frame; what is given to 1e-6 is made one.
         prismatic: (n,) bool; False means revolute.
         lower, upper: (n,) radians or metres.
         velocity, acceleration, effort: (n,) largest absolute values; inf where unknown.
@@ -95,6 +100,8 @@ class Robot:
             home = np.zeros(n)
         object.__setattr__(self, "home", read_only(np.clip(home, self.lower, self.upper)))
         self._validate(n)
+        object.__setattr__(self, "axis", read_only(_units(self.axis)))
+        object.__setattr__(self, "joint_rotation", read_only(_rotations(self.joint_rotation)))
 
     def _validate(self, n: int) -> None:
         if len(self.link_names) != n + 1:
@@ -111,8 +118,11 @@ class Robot:
                     where=self.name,
                     remedy="lower and upper must be finite, with lower <= upper",
                 )
-            if abs(np.linalg.norm(self.axis[k]) - 1.0) > 1e-6:
+            if not abs(np.linalg.norm(self.axis[k]) - 1.0) <= _NEARLY:
                 raise ModelError(f"the axis of joint {joint!r} is not a unit vector", where=self.name)
+            R = self.joint_rotation[k]
+            if not np.abs(R @ R.T - np.eye(3)).max() <= _NEARLY or np.linalg.det(R) < 0:
+                raise ModelError(f"the frame of joint {joint!r} is not turned by a rotation", where=self.name)
         if self.default_tool not in self.tools:
             raise UnknownNameError("tool", self.default_tool, self.tools, where=self.name)
 
@@ -300,6 +310,23 @@ class Robot:
         travel = np.where(chain.prismatic, np.maximum(np.abs(chain.lower), np.abs(chain.upper)), 0.0)
         links = np.linalg.norm(chain.joint_xyz[1:], axis=1).sum() + np.linalg.norm(frame.T_link_tool.position)
         return float(links + travel.sum())
+
+
+def _units(vectors: Array) -> Array:
+    """Vectors (n, 3) made unit vectors, those that are but for rounding as they are."""
+    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    units: Array = np.where(np.abs(lengths - 1.0) > _ROUNDED, vectors / lengths, vectors)
+    return units
+
+
+def _rotations(matrices: Array) -> Array:
+    """Matrices (n, 3, 3) made the rotations nearest to them, those that are but for rounding as they are."""
+    off = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max(axis=(-2, -1))
+    if not np.any(off > _ROUNDED):
+        return matrices
+    left, _, right = np.linalg.svd(matrices)
+    rotations: Array = np.where((off > _ROUNDED)[:, None, None], left @ right, matrices)
+    return rotations
 
 
 def serial_robot(

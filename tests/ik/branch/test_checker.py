@@ -12,7 +12,7 @@ from workcell.bench.reference.planting import planted_problem, random_chain, sur
 from workcell.errors import InputError
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.branch.checker.check import check_branch, check_tree, seal, statement
-from workcell.ik.branch.solver import solve_branch
+from workcell.ik.branch.solver import _rounded_up, solve_branch
 from workcell.ik.certificate import Certificate, problem_hash
 from workcell.ik.judge.exact import ExactKinematics
 from workcell.ik.judge.verify import verify
@@ -247,3 +247,10 @@ def test_a_huge_scene_is_beyond_the_checker() -> None:
     certificate = solve_branch(far, BUDGET).certificate
     assert certificate is not None
     assert "rounding is proved up to" in str(check_branch(far, certificate))
+
+
+def test_a_clearance_is_named_no_smaller_than_it_was_proved_for():
+    for proved in (9.99951e-6, 1.2344e-6, 3.0e-7, 1e-5, 0.0):
+        named = _rounded_up(proved, 1e-5)
+        assert proved <= named <= 1e-5
+        assert float(f"{1e3 * named:.4g}") >= 1e3 * proved * (1 - 1e-12)

@@ -14,7 +14,11 @@ from workcell.pose import Array
 
 _LEVER = 0.3
 _PARALLEL = 1e-4
-"""Square of the sine below which two axes count as parallel: their common normal may be far away."""
+"""Square of the sine below which two axes count as parallel: their common normal may be far away.
+
+Any points of two axes will do for the bounds; those that are nearest each other make them tight."""
+_FARTHEST = 10.0
+"""Metres along an axis beyond which no point of it is taken: rounding grows with the lengths."""
 _OUTER_WEIGHT = 20.0
 """How much wider the joints next to the ends count until the linear step applies."""
 _SLIDING_WEIGHT = 2.0
@@ -147,11 +151,10 @@ def _feet(frames: Array) -> Array:
     for k in range(1, len(frames)):
         p, z = frames[k][:3, 3], frames[k][:3, 2]
         across = z[0] ** 2 + z[1] ** 2
-        if across > _PARALLEL:
-            feet[k, 0] = -(p[0] * z[0] + p[1] * z[1]) / across
-            feet[k - 1, 1] = p[2] + feet[k, 0] * z[2]
-        else:
-            feet[k - 1, 1] = p[2]
+        foot = -(p[0] * z[0] + p[1] * z[1]) / across if across > _PARALLEL else 0.0
+        if max(abs(foot), abs(p[2] + foot * z[2])) > _FARTHEST:
+            foot = 0.0
+        feet[k, 0], feet[k - 1, 1] = foot, p[2] + foot * z[2]
     feet[0, 0], feet[-1, 1] = feet[0, 1], feet[-1, 0]
     return feet
 

@@ -16,7 +16,7 @@ import numpy as np
 from workcell.compile_ahead import DECIDING, wait_for
 from workcell.errors import InputError
 from workcell.geometry.types import Piece, SphereCover
-from workcell.ik.branch.arrays import KNOWN, inflation, problem_arrays
+from workcell.ik.branch.arrays import KNOWN, OVERLAP, inflation, problem_arrays
 from workcell.ik.branch.checker.check import seal, statement
 from workcell.ik.branch.crew import Crew
 from workcell.ik.certificate import Certificate, problem_hash, proof_scope
@@ -118,7 +118,7 @@ class BranchSearch:
         problem = self.problem
         clearance = problem.tolerances.safety_margin
         if len(blocked):
-            clearance = max(clearance, float(blocked[:, 3].max()))
+            clearance = _rounded_up(max(clearance, float(blocked[:, 3].max())), clearance + OVERLAP)
         data = {
             "tree": nodes[:, 0],
             "splits": nodes[nodes[:, 0] >= 0, 1],
@@ -145,6 +145,12 @@ class BranchSearch:
         one, two = leaves[:, 1].astype(int), leaves[:, 2].astype(int)
         own = leaves[:, 0] == -3
         return np.stack([order[one], np.where(own, order[np.where(own, two, 0)], two)]).astype(float)
+
+
+def _rounded_up(clearance: float, most: float) -> float:
+    """A clearance in few digits, no less than it and no more than `most`: a statement names it as it is."""
+    step = 10.0 ** (np.floor(np.log10(clearance)) - 3) if clearance > 0 else 1.0
+    return float(min(max(np.ceil(clearance / step) * step, clearance), most))
 
 
 def _refuse(problem: IKProblem) -> None:

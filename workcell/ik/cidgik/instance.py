@@ -14,7 +14,7 @@ from workcell.ik.cidgik.reduction import Vectors, goal_columns
 from workcell.ik.cidgik.rows import products
 from workcell.ik.cidgik.structure import Structure, others_in
 from workcell.ik.shared.conic import Cones, ConicSolution, ConicSolver, smat, svec
-from workcell.ik.trees.query import Goal
+from workcell.ik.trees.query import PLANE_SLACK, Goal
 from workcell.pose import Array
 
 SLOT_SIZES = (0, 4, 12, 32, 96, 192)
@@ -110,7 +110,7 @@ class Instance:
         row = self.reduced(self._plane_row(point, normal)[None], np.zeros(1))[0]
         size, missing = float(np.linalg.norm(row[:-1])), offset - float(row[-1])
         if size < _INDEPENDENT:
-            self.contradiction |= abs(missing) > _INDEPENDENT
+            self.contradiction |= abs(missing) > PLANE_SLACK
             return
         step = row[:-1] / size
         self.Z0 = self.Z0 + self.D @ step * (missing / size)

@@ -21,6 +21,7 @@ from workcell.ik.cidgik.reduction import Vectors
 from workcell.ik.cidgik.structure import Structure
 from workcell.ik.cidgik.workspace import KINDS, Keeper, Key
 from workcell.ik.shared.conic import smat, svec, triangle
+from workcell.ik.trees.query import PLANE_SLACK
 from workcell.pose import Array, read_only
 
 ROUNDING = 1e-9
@@ -128,6 +129,9 @@ def margin(
     """By how much F stays below zero at every configuration that reaches the goals within `position` metres and
     `rotation` radians, and keeps the workspace but for `clearance` metres; positive: there is none."""
     structure = instance.structure
+    if not structure.reduction.exact:
+        # the rows hold of a chain that is only near this one
+        return -np.inf
     total = _Sum(instance, keeper, proof, -clearance)
     A, b = instance.equalities()
     coefficients = total.gradient + A.T @ proof.equalities
@@ -197,7 +201,8 @@ class _Strayed:
         per_frame = b + a + z + z * a
         d = self.structure.skeleton.dimension
         whole = np.concatenate([per_row, np.repeat(per_frame, d)])
-        planes = [float(self._off(point)) for point, _, _ in self.instance.added]
+        # the judge takes a point for being in a plane when it is as near as this
+        planes = [float(self._off(point)) + PLANE_SLACK for point, _, _ in self.instance.added]
         return float(np.abs(multipliers) @ np.append(whole[self.structure.used], planes))
 
     def limits(self, multipliers: Array) -> float:

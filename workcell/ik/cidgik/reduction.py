@@ -21,6 +21,9 @@ from workcell.pose import Array, read_only
 
 _DEPENDENT = 1e-8
 _NEGLIGIBLE = 1e-10
+_EXACT = 2e-11
+"""Largest error of a vector written in terms of others with which proofs may be given: products of unit vectors are off
+by twice as much, which a hundred rows with multipliers of unit length make less than proofs keep back for rounding."""
 _SEED = 20220225
 
 
@@ -84,6 +87,8 @@ class Reduction:
         directions: by link, its basis directions as `Vectors` (s, ...).
         origins: by link, its origin as a single `Vectors`.
         like: any `Vectors`, for their widths.
+        exact: whether what is written in terms of others is so but for rounding; where axes are nearly parallel, or
+            nearly meet, vectors may depend on each other nearly. That is good enough to search with, not for proofs.
     """
 
     def __init__(self, skeleton: Skeleton, links: tuple[int, ...] | None = None) -> None:
@@ -96,7 +101,8 @@ class Reduction:
         unknown = np.swapaxes(self._values(T), 1, 2).reshape(len(q) * d, -1)
         goals = np.swapaxes(_goal_columns_of(skeleton, T), 1, 2).reshape(len(q) * d, -1)
         known = np.hstack([np.tile(np.eye(d), (len(q), 1)), goals])
-        self._chosen, coefficients = _independent(unknown, known)
+        self._chosen, coefficients, error = _independent(unknown, known)
+        self.exact = error < _EXACT
         self.rank = len(self._chosen)
         alpha, rest = coefficients[: self.rank].T, coefficients[self.rank :].T
         self.like = Vectors(alpha, rest[:, :d], rest[:, d:])
@@ -172,8 +178,8 @@ def goal_columns(skeleton: Skeleton, goals: tuple[Goal, ...]) -> Array:
     return np.stack(columns) @ skeleton.plane.T
 
 
-def _independent(unknown: Array, known: Array) -> tuple[NDArray[np.int64], Array]:
-    """Columns of `unknown` that are independent of each other and of `known`, and all of them in terms of both."""
+def _independent(unknown: Array, known: Array) -> tuple[NDArray[np.int64], Array, float]:
+    """Independent columns of `unknown` (of `known` too), all of them in terms of both, and the largest error."""
     from scipy.linalg import qr
 
     left, sizes, _ = np.linalg.svd(known, full_matrices=False)
@@ -187,4 +193,4 @@ def _independent(unknown: Array, known: Array) -> tuple[NDArray[np.int64], Array
     columns = np.hstack([unknown[:, chosen], known])
     coefficients = np.linalg.lstsq(columns, unknown, rcond=1e-10)[0]
     cleaned: Array = np.where(np.abs(coefficients) < _NEGLIGIBLE, 0.0, coefficients)
-    return chosen.astype(np.int64), cleaned
+    return chosen.astype(np.int64), cleaned, float(np.abs(columns @ cleaned - unknown).max(initial=0.0))

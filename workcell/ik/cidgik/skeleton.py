@@ -19,10 +19,13 @@ from workcell.ik.trees.query import Goal
 from workcell.model.robot import LIMIT_SLACK, Robot
 from workcell.pose import Array, axis_angle_to_matrix
 
+_ROUNDED = 1e-11
+"""Length (metres, or of unit vectors) of a component, or sine of an angle, that counts as zero.
+
+It is far below what proofs keep back for rounding. What is larger is not zero: a file's 3.1416 makes axes that are not
+parallel, and rows that said so would be false."""
 _FLAT = 1e-9
-"""Length (metres, or of unit vectors) below which a component counts as zero."""
-_ALIGNED = 1e-13
-"""1 - |cosine| below which two directions count as one."""
+"""Sine below which axes are too nearly parallel, and metres below which they are too near, to tell points apart."""
 
 
 def frame_about(axis: Array) -> Array:
@@ -132,7 +135,7 @@ def _gram_schmidt(vectors: list[Array]) -> Array:
     for vector in vectors:
         rest = vector - sum((b * (b @ vector) for b in basis), np.zeros(3))
         length = float(np.linalg.norm(rest))
-        if length > max(_FLAT, _FLAT * float(np.linalg.norm(vector))) and len(basis) < 3:
+        if length > _ROUNDED * max(1.0, float(np.linalg.norm(vector))) and len(basis) < 3:
             rest = rest / length
             rest = rest - sum((b * (b @ rest) for b in basis), np.zeros(3))
             basis.append(rest / np.linalg.norm(rest))
@@ -149,15 +152,19 @@ def _refuse(robot: Robot, dimension: int) -> None:
             remedy=f"{takers(slides=True)} do",
         )
     axes = _home_axes(robot)
-    parallel = bool(np.all(np.abs(axes @ axes[0]) > 1 - _FLAT))
-    if dimension == 3 and parallel and robot.dof > 1:
+    sines = np.linalg.norm(np.cross(axes, axes[0]), axis=1)
+    if dimension == 3 and robot.dof > 1 and np.all(sines < _FLAT):
         raise InputError(
             "all joint axes are parallel: the arm moves in a plane, and points on its axes cannot tell its height",
             where=robot.name,
             remedy="ask cidgik in two dimensions, Query(..., dimension=2), or use another solver",
         )
-    if dimension == 2 and not parallel:
-        raise InputError("a planar arm has parallel axes", where=robot.name, remedy="dimension=3")
+    if dimension == 2 and not np.all(sines < _ROUNDED):
+        raise InputError(
+            f"a planar arm has parallel axes; these are up to {sines.max():.1g} rad apart",
+            where=robot.name,
+            remedy="dimension=3",
+        )
     for joint in range(robot.dof):
         parent = int(robot.parents[joint])
         if parent == 0:
@@ -165,7 +172,7 @@ def _refuse(robot: Robot, dimension: int) -> None:
         along = robot.joint_rotation[joint] @ robot.axis[joint]
         axis, offset = robot.axis[parent - 1], robot.joint_xyz[joint]
         apart = float(np.linalg.norm(offset - axis * (axis @ offset)))
-        if abs(float(axis @ along)) > 1 - 1e-12 and apart < _FLAT:
+        if np.linalg.norm(np.cross(axis, along)) < _FLAT and apart < _FLAT:
             raise InputError(
                 f"joints {robot.joint_names[parent - 1]!r} and {robot.joint_names[joint]!r} turn about one axis: "
                 "their points coincide",
@@ -229,9 +236,10 @@ def _limit_plan(robot: Robot, k: int, middle: float, spans: list[Array], framed:
         return None if from_parent is None else _limited(k, "child", J, axis, from_parent)
     if from_parent is None or from_child is None:
         return None
-    cosine = float(from_parent @ axis_angle_to_matrix(axis, middle) @ from_child)
-    if not abs(cosine) > 1 - _ALIGNED:
+    turned = axis_angle_to_matrix(axis, middle) @ from_child
+    if not np.linalg.norm(np.cross(from_parent, turned)) < _ROUNDED:
         return None
+    cosine = float(from_parent @ turned)
     side = np.zeros(3)
     return Limited(k, "aligned", J @ from_parent, from_child, side, side, float(np.sign(cosine)))
 
@@ -245,7 +253,7 @@ def _across(span: Array, axis: Array) -> Array | None:
     """The one direction of a flat link (3, s) that is normal to the axis; None when it has none."""
     rest = span - np.outer(axis, axis @ span)
     lengths = np.linalg.norm(rest, axis=0)
-    if lengths.max(initial=0.0) < _FLAT:
+    if lengths.max(initial=0.0) < _ROUNDED:
         return None
     best = int(lengths.argmax())
     direction: Array = rest[:, best] / lengths[best]

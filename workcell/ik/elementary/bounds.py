@@ -18,7 +18,7 @@ from workcell.ik.certificate import Certificate, problem_hash, proof_scope
 from workcell.ik.judge.exact import exact_distances, target_rotation
 from workcell.ik.judge.verify import sphere_name
 from workcell.ik.problem import IKProblem
-from workcell.model.robot import Robot
+from workcell.model.robot import LIMIT_SLACK, Robot
 from workcell.pose import Array
 
 WIDE = np.array([1e-3, 1e-2, 1e-3])
@@ -88,7 +88,7 @@ class JointAxes:
         squares, loads: (n - 1, n n) and (n - 1, n) those vectors' squared lengths: their Hessians, half their
             gradients.
         first, in_tool: (2, 3) origin and direction of the first axis in the world, of the last one in the tool frame.
-        travel: metres that prismatic joints add.
+        travel: metres that prismatic joints add, the slack of their limits included.
         plain: metres of the chain with the points at the joint origins.
     """
 
@@ -114,7 +114,8 @@ class JointAxes:
         slope = np.zeros((n - 1, 3, n))
         slope[links, :, links], slope[links, :, links + 1] = -robot.axis[:-1], along[1:]
         in_link = np.swapaxes(slope, 1, 2)
-        travel = np.where(robot.prismatic, np.maximum(np.abs(robot.lower), np.abs(robot.upper)), 0.0).sum()
+        farthest = np.maximum(np.abs(robot.lower), np.abs(robot.upper)) + LIMIT_SLACK
+        travel = np.where(robot.prismatic, farthest, 0.0).sum()
         return JointAxes(
             offset,
             slope.reshape(-1, n),

@@ -25,7 +25,8 @@ from workcell.pose import Array, Pose
 GOAL = 13
 """Length of a goal vector: 1, the position (3), the rotation matrix row by row (9)."""
 
-_PARALLEL = 1e-9
+_PARALLEL = 1e-13
+"""Sine below which two axes are one direction but for rounding."""
 _NEGLIGIBLE = 1e-13
 _TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
 
@@ -252,18 +253,22 @@ def _quaternions(R: Array) -> Array:
     return quats
 
 
+def _is_along(axis: Array, other: Array) -> bool:
+    return bool(np.linalg.norm(np.cross(axis, other)) < _PARALLEL)
+
+
 def _planar_links(robot: Robot) -> dict[int, tuple[Array, Array, bool, int]]:
     """Links whose axis of rotation is known, from the base upwards and from the goal downwards: F, C, side, joint."""
     n, planar = robot.dof, {}
     F, C = robot.joint_rotation[0] @ frame_with_z(robot.axis[0]), np.eye(3)
     for k in range(max(n - 1, 1)):
-        if abs(float(F[:, 2] @ C @ robot.joint_rotation[k] @ robot.axis[k])) < 1 - _PARALLEL:
+        if not _is_along(F[:, 2], C @ robot.joint_rotation[k] @ robot.axis[k]):
             break
         C = C @ robot.joint_rotation[k]
         planar[k + 1] = (F, C, False, k if k == 0 else -1)
     F, C = frame_with_z(robot.axis[-1]), np.eye(3)
     for k in reversed(range(1, n)):
-        if k in planar or abs(float(F[:, 2] @ C @ robot.axis[k])) < 1 - _PARALLEL:
+        if k in planar or not _is_along(F[:, 2], C @ robot.axis[k]):
             break
         C = C @ robot.joint_rotation[k].T
         planar[k] = (F, C, True, k if k == n - 1 else -1)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from workcell.ik.ikspark.lift import GOAL, Lift, frame_with_z, goal_vector
-from workcell.ik.problem import IKProblem
+from workcell.ik.problem import STEP_SLACK, IKProblem
 from workcell.ik.shared.conic import Cones
 from workcell.ik.shared.limits import Interval
 from workcell.pose import Array
@@ -135,7 +135,7 @@ class Relaxation:
         T = problem.robot.link_transforms(problem.q_reference)
         R_ref = (T[0, :3, :3].T @ T[:, :3, :3])[links]
         rows: Array = np.einsum("kabxg,kab->kxg", self.lift.rotations[links], R_ref)
-        rows[:, -1, 0] -= 3.0 - 0.5 * problem.max_link_rotation**2
+        rows[:, -1, 0] -= 3.0 - 0.5 * (problem.max_link_rotation + STEP_SLACK) ** 2
         return rows
 
     def dense(self, head: Array) -> tuple[Array, Array]:

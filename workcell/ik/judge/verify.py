@@ -15,13 +15,11 @@ from workcell.ik.judge.exact import (
     smallest_clearance,
     target_rotation,
 )
-from workcell.ik.problem import Clearance, IKProblem
+from workcell.ik.problem import STEP_SLACK, Clearance, IKProblem
 from workcell.model.robot import LIMIT_SLACK
 from workcell.pose import Array
 
 _NAN = float("nan")
-_STEP_SLACK = 1e-9
-"""Rounding allowed in the bounds against a reference configuration."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,14 +157,14 @@ class Verifier:
             moved = np.abs(q - problem.q_reference)
             reasons += [
                 f"joint {problem.robot.joint_names[k]} moves by {moved[k]:.4g} (allowed {allowed[k]:.4g})"
-                for k in np.flatnonzero(moved > allowed + _STEP_SLACK)
+                for k in np.flatnonzero(moved > allowed + STEP_SLACK)
             ]
         if problem.max_link_rotation is not None:
             before, _ = self._kinematics.links(problem.q_reference)
             change = np.linalg.norm(rotation - before, axis=(1, 2))
             reasons += [
                 f"link {problem.robot.link_names[k]} turns by {change[k]:.4g} (allowed {problem.max_link_rotation:.4g})"
-                for k in np.flatnonzero(change > problem.max_link_rotation + _STEP_SLACK)
+                for k in np.flatnonzero(change > problem.max_link_rotation + STEP_SLACK)
             ]
         return reasons
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from workcell.ik.judge.exact import exact_kinematics, rotation_angle
-from workcell.ik.trees.query import Goal, Query
+from workcell.ik.trees.query import PLANE_SLACK, Goal, Query
 from workcell.model.robot import LIMIT_SLACK
 from workcell.pose import Array
 
@@ -92,7 +92,7 @@ def _workspace_clearance(query: Query, rotation: Array, position: Array) -> tupl
     for k, plane in enumerate(space.planes):
         for i in range(len(y)) if plane.points is None else plane.points:
             height = float(plane.normal @ y[i]) - plane.offset
-            gap_here = 1e-5 - abs(height) if plane.equal else height - float(radius[i])
+            gap_here = PLANE_SLACK - abs(height) if plane.equal else height - float(radius[i])
             found.append((gap_here, f"plane {k} by point {i}"))
     return min(found)
 

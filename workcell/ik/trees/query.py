@@ -14,6 +14,8 @@ from workcell.geometry.types import SphereCover
 from workcell.model.robot import Robot
 from workcell.pose import Array, Pose, read_only
 
+PLANE_SLACK = 1e-5
+"""Metres within which a point counts as being in a plane that it has to be in."""
 GoalKind = Literal["position", "direction", "pose"]
 
 

@@ -26,6 +26,9 @@ KINDS = {
 """Pieces that the checker knows, and its own numbers for them: it shares nothing with solvers, their table of shapes
 included."""
 _PARALLEL = 1e-4
+"""Square of the sine below which no nearest points are looked for: any points of two lines do as well."""
+_FARTHEST = 10.0
+"""Metres along its axis beyond which a nearest point is not taken: rounding grows with the lengths."""
 _FREE = {"pose": [], "position": [0, 1, 2], "axis": [2]}
 """Axes of the tool about which a goal leaves the target free to turn, outermost first: joints of the target."""
 _lines, _centres = ByIdentity(), ByIdentity()
@@ -48,12 +51,15 @@ def admissible(problem: IKProblem) -> tuple[Array, Array, Array]:
 def longest(problem: IKProblem) -> float:
     """An upper bound in metres on the distances that occur."""
     robot, cover = problem.robot, problem.cover
+    # where neighbouring axes are nearly parallel, the points where they are nearest may lie far away on them
+    points = _zero(robot, problem.goal)[2][:, 3:9].reshape(-1, 3) - robot.T_world_base.position
     sliding = np.maximum(np.abs(robot.lower), np.abs(robot.upper))[robot.prismatic]
     reach = np.linalg.norm(robot.joint_xyz, axis=1).sum() + sliding.sum()
     lengths = [
         float(reach + np.linalg.norm(robot.tool().T_link_tool.position)),
         float(np.linalg.norm(problem.target.position)),
         float(np.linalg.norm(robot.T_world_base.position)),
+        float(np.linalg.norm(points, axis=1).max()),
     ]
     if cover is not None and len(cover):
         lengths.append(float(np.abs(cover.centre).max() + cover.radius.max()))
@@ -156,6 +162,8 @@ def _closest(z: Array, o: Array, y: Array, p: Array) -> tuple[Array, Array]:
         return o + z * (z @ (p - o)), p
     s = np.cross(p - o, y) @ normal / square
     t = np.cross(p - o, z) @ normal / square
+    if max(abs(s), abs(t)) > _FARTHEST:
+        return o + z * (z @ (p - o)), p
     return o + s * z, p + t * y
 
 

@@ -120,7 +120,7 @@ class Arm:
         """Set the motors for one step; returns the torques (n,) and whether a joint has just reached its limit."""
         q, qd, qdd, _ = wanted
         torque, saturated = self.controller.torque(qpos, data.qvel, q, qd, qdd)
-        data.ctrl[self.robot.actuator_ids] = torque / self.controller.arm.gear
+        data.ctrl[self.robot.actuator_ids] = self.controller.arm.command(torque)
         self.reference = q
         just, self.saturated = saturated and not self.saturated, saturated
         return torque, just

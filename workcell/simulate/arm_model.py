@@ -58,6 +58,8 @@ class ArmModel:
             self._model.body_inertia[body] *= factor
         self._plain = copy.copy(self._model)
         self._start = np.array(robot.start)
+        self._compensated = model.jnt_actgravcomp[model.dof_jntid[self._dofs]].astype(bool)
+        self._lifted: dict[int, list[tuple[Array, Array]]] = {}
         self._rng = np.random.default_rng([self._imperfections.seed, int(self._dofs[0])])
 
     def inverse(self, qpos: Array, qvel: Array, q: Array, qd: Array, qdd: Array) -> Array:
@@ -71,8 +73,24 @@ class ArmModel:
         data.qpos[:], data.qvel[:], data.qacc[:] = qpos, qvel, 0.0
         data.qpos[self._qpos], data.qvel[self._dofs], data.qacc[self._dofs] = q, qd, qdd
         self._mujoco.mj_inverse(self._model, data)
-        torque: Array = data.qfrc_inverse[self._dofs]
+        torque: Array = data.qfrc_inverse[self._dofs] - self._lift()
         return torque
+
+    def command(self, torque: Array) -> Array:
+        """(n,) control values for torques where `inverse` was asked last; what they compensate, they do unasked."""
+        unasked = np.where(self._compensated, self._data.qfrc_gravcomp[self._dofs], 0.0)
+        values: Array = (torque - unasked) / self.gear
+        return values
+
+    def _lift(self) -> Array:
+        """(n,) torques of the weight that what is carried has compensated, where `inverse` was asked last."""
+        lift, jacobian = np.zeros(self._model.nv), np.zeros((3, self._model.nv))
+        for hand, forces in self._lifted.items():
+            at, R = self._data.xpos[hand], self._data.xmat[hand].reshape(3, 3)
+            for centre, force in forces:
+                self._mujoco.mj_jac(self._model, self._data, jacobian, None, at + R @ centre, hand)
+                lift += jacobian.T @ force
+        return lift[self._dofs]
 
     def inertia_at_start(self, qpos: Array) -> Array:
         """(n, n) joint-space inertia matrix where the arm starts; armature included.
@@ -118,10 +136,30 @@ class ArmModel:
         moments, axes = np.linalg.eigh(inertia)
         axes[:, 2] *= np.linalg.det(axes)
         self._set_inertia(hand, mass, centre, moments, matrix_to_quat(axes))
+        self._lifted[hand] = self._compensation(hand, masses, centres, (hand, *bodies))
+
+    def _compensation(
+        self, hand: int, masses: list[float], centres: list[Array], bodies: tuple[int, ...]
+    ) -> list[tuple[Array, Array]]:
+        """Points of a hand (its frame) and forces (world): how compensation differs from that of the hand's own share.
+
+        MuJoCo lifts the hand by its own share of the mass that it has now, the carried mass included, at the common
+        centre; what each body has is the truth.
+        """
+        shares = np.array([self._plain.body_gravcomp[body] for body in bodies])
+        if self._plain.opt.disableflags & self._mujoco.mjtDisableBit.mjDSBL_GRAVITY:
+            return []
+        extra = (shares - self._plain.body_gravcomp[hand]) * np.array(masses)
+        return [
+            (np.array(centre), -missing * np.array(self._plain.opt.gravity))
+            for centre, missing in zip(centres, extra, strict=True)
+            if missing != 0
+        ]
 
     def drop(self, hand: int) -> None:
         """The hand is empty again."""
         plain = self._plain
+        self._lifted.pop(hand, None)
         self._set_inertia(
             hand,
             plain.body_mass[hand],

@@ -12,7 +12,8 @@ from workcell.motion.proofs.on_model import trajectory_clearance
 from workcell.motion.teams.team import Team, prove_team_motion
 from workcell.motion.teams.torques import TeamDynamics
 from workcell.motion.timing.retime import retime
-from workcell.motion.timing.torques import ChainDynamics, Dynamics, TooWeakError, TorqueUse
+from workcell.motion.timing.torque_limits import Dynamics, TooWeakError
+from workcell.motion.timing.torques import ChainDynamics, TorqueUse
 from workcell.motion.tool_paths.follow import FollowLimits
 from workcell.pose import Pose
 from workcell.task.planning import Planning

@@ -10,7 +10,7 @@ from workcell.motion.path import Path
 from workcell.motion.polynomials import PolynomialMotion
 from workcell.motion.timing.retime import retime
 from workcell.motion.timing.spline import spline_within_limits
-from workcell.motion.timing.torques import TooWeakError
+from workcell.motion.timing.torque_limits import TooWeakError
 
 
 def line(robot, delta):

@@ -18,7 +18,8 @@ from workcell.motion.path import Path
 from workcell.motion.polynomials import PolynomialMotion
 from workcell.motion.timing.retime import retime
 from workcell.motion.timing.spline import spline_within_limits
-from workcell.motion.timing.torques import ChainDynamics, TorqueLimits
+from workcell.motion.timing.torque_limits import TorqueLimits
+from workcell.motion.timing.torques import ChainDynamics
 from workcell.pose import Array
 from workcell.sets.reports import cpu_columns
 

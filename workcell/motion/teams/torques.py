@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,13 +35,25 @@ class TeamDynamics:
         }
         return TeamDynamics(team.robot, chains)
 
-    @property
-    def damping(self) -> Array:
-        """(n,) of all joints, newton metre seconds a radian."""
-        return np.concatenate([chain.damping for chain in self.chains.values()])
-
     def at(self, q: Array, qd: Array, qdd: Array) -> Array:
         """(T, n) torques for rows of positions, velocities and accelerations (T, n) each."""
+        return self._side_by_side(lambda chain, *rows: chain.at(*rows), q, qd, qdd)
+
+    def rigid(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """(T, n) the same without damping, drag and dry friction."""
+        return self._side_by_side(lambda chain, *rows: chain.rigid(*rows), q, qd, qdd)
+
+    def viscous(self, q: Array, qd: Array) -> Array:
+        """(T, n) torques against damping and drag."""
+        return self._side_by_side(lambda chain, *rows: chain.viscous(*rows), q, qd)
+
+    def dry(self, q: Array, qd: Array) -> Array:
+        """(T, n) torques against dry friction, in the directions of `qd`; 0 for an arm that rests."""
+        return self._side_by_side(lambda chain, *rows: chain.dry(*rows), q, qd)
+
+    def _side_by_side(self, torques: Callable[..., Array], *rows: Array) -> Array:
         ends = np.cumsum([chain.kinematics.dof for chain in self.chains.values()])[:-1]
-        parts = (np.split(rows, ends, axis=1) for rows in (q, qd, qdd))
-        return np.hstack([chain.at(*part) for chain, *part in zip(self.chains.values(), *parts, strict=True)])
+        parts = (np.split(values, ends, axis=1) for values in rows)
+        return np.hstack(
+            [torques(chain, *part) for chain, *part in zip(self.chains.values(), *parts, strict=True)]
+        )

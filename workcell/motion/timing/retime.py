@@ -20,11 +20,13 @@ from workcell.motion.path import Path, Trajectory
 from workcell.motion.polynomials import PolynomialMotion
 from workcell.motion.timing.phase_plane import PhaseRows, Timing, fastest_squared_speed, phase_grid
 from workcell.motion.timing.spline import SMALLEST, JointSpline, spline_within_limits
-from workcell.motion.timing.torques import Dynamics, TorqueLimits
+from workcell.motion.timing.torque_limits import Dynamics, TorqueLimits
 from workcell.pose import Array
 
 _DENSE = 5
 """Evaluations a time step when limits are verified."""
+_SLOWING = 40
+"""Rounds of slowing down, of which one or two are needed; dry friction that turns as a motion ends may take more."""
 _HEADROOM = 1.0005
 """Left for what lies between two dense evaluations."""
 _ROUNDS, _CLOSE = 6, 1.02
@@ -191,7 +193,7 @@ def _slowdown(bounds: _Bounds, timing: Timing, dt: float) -> float:
             factor, float(_tool_speed(bounds.robot, q[::_DENSE], qd[::_DENSE]).max()) / bounds.tool_speed
         )
     # accelerations fall with the square; torques against viscous damping fall more slowly, hence the rounds
-    for _ in range(_ROUNDS):
+    for _ in range(_SLOWING):
         worst = float(bounds.use(*bounds.spline.motion(s, sd / factor, sdd / factor**2)).max())
         if worst <= 1.0:
             break

@@ -1,23 +1,23 @@
 """Torques that a trajectory needs, by Pinocchio's recursive Newton-Euler: known before anything is executed.
 
 Pinocchio stands beside MuJoCo here: the chain is built from the scene's masses, but every algorithm after that is
-another one than the simulator's, so that the two check each other.
+another one than the simulator's, so that the two check each other. Where the compiled model has what such a chain lacks
+(springs, dry friction, compensated weight), its own torques are taken.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from workcell.errors import InputError
 from workcell.model.robot import Robot
 from workcell.model.scene import Scene
 from workcell.model.scene_parts import SceneRobot, data_at
 from workcell.motion.path import Trajectory
+from workcell.motion.timing.compiled_dynamics import CompiledDynamics, lacks
 from workcell.pose import Array, Pose
 
 
@@ -43,21 +43,6 @@ class TorqueUse:
         return bool(np.all(self.share <= 1.0))
 
 
-class Dynamics(Protocol):
-    """What a limit on torques asks of a robot's dynamics, or of several robots' side by side."""
-
-    @property
-    def kinematics(self) -> Robot:
-        """Whose joints they are."""
-
-    @property
-    def damping(self) -> Array:
-        """(n,) viscous damping of the joints, newton metre seconds a radian."""
-
-    def at(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """(T, n) torques for rows of positions, velocities and accelerations (T, n) each."""
-
-
 class ChainDynamics:
     """Inverse dynamics of one robot of a scene, gripper and carried object included.
 
@@ -66,6 +51,13 @@ class ChainDynamics:
         robot: the robot's name; None: the only one.
         attached: (object name, T_tool_object) that the hand carries.
         share: of its mass and inertia that this robot carries; several hands that hold one thing share it.
+
+    Attributes:
+        robot: the robot.
+        lacking: what acts on it that Pinocchio's chain lacks, in words; where there is any, MuJoCo is asked instead.
+
+    Raises:
+        ModelError: a spring that yields: its torque depends on the past.
     """
 
     def __init__(
@@ -81,6 +73,8 @@ class ChainDynamics:
         self.robot = scene.robot(robot)
         dofs = self.robot.dof_addresses
         self._armature, self._damping = scene.model.dof_armature[dofs], scene.model.dof_damping[dofs]
+        self.lacking = lacks(scene, self.robot, None if attached is None else attached[0])
+        self._compiled = CompiledDynamics(scene, self.robot, attached, share) if self.lacking else None
         self._model = pinocchio.Model()
         self._model.gravity.linear = np.array(scene.model.opt.gravity)
         self._build(scene, attached, share)
@@ -106,24 +100,38 @@ class ChainDynamics:
             placement = pin.SE3.Identity()
 
     def at(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """(T, n) joint torques that produce the motion, joint damping and armature included.
+        """(T, n) joint torques that produce the motion: all that acts on the joints but contacts, limits, couplings.
 
         Args:
             q, qd, qdd: (T, n) rows of positions, velocities and accelerations.
         """
+        if self._compiled is not None:
+            return self._compiled.at(q, qd, qdd)
+        total: Array = self._of_masses(q, qd, qdd) + self._damping * qd
+        return total
+
+    def rigid(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """(T, n) the same without damping, drag and dry friction."""
+        return self._of_masses(q, qd, qdd) if self._compiled is None else self._compiled.rigid(q, qd, qdd)
+
+    def viscous(self, q: Array, qd: Array) -> Array:
+        """(T, n) torques against damping and drag."""
+        linear: Array = self._damping * qd
+        return linear if self._compiled is None else self._compiled.viscous(q, qd)
+
+    def dry(self, q: Array, qd: Array) -> Array:
+        """(T, n) torques against dry friction, in the directions of `qd`, however small; 0 at rest."""
+        return np.zeros_like(q) if self._compiled is None else self._compiled.dry(q, qd)
+
+    def _of_masses(self, q: Array, qd: Array, qdd: Array) -> Array:
         rows = [self._pin.rnea(self._model, self._data, *row).copy() for row in zip(q, qd, qdd, strict=True)]
-        total: Array = np.array(rows) + self._armature * qdd + self._damping * qd
+        total: Array = np.array(rows) + self._armature * qdd
         return total
 
     @property
     def kinematics(self) -> Robot:
         """The robot's own, apart from the scene."""
         return self.robot.robot
-
-    @property
-    def damping(self) -> Array:
-        """(n,) viscous damping of the joints, newton metre seconds a radian."""
-        return np.array(self._damping)
 
     def use(self, trajectory: Trajectory, every: int = 5) -> TorqueUse:
         """Peak torques at every `every`-th sample, and the last, against the robot's effort limits.
@@ -144,84 +152,6 @@ class ChainDynamics:
             raise InputError(
                 f"the trajectory moves {trajectory.q.shape[1]} joints, {self.robot.name} has {self.robot.robot.dof}",
                 where="trajectory",
-            )
-
-
-class TooWeakError(InputError):
-    """A joint's torque does not suffice to hold the arm, and what it carries, still somewhere on a path."""
-
-
-@dataclass(frozen=True, slots=True)
-class TorqueLimits:
-    """Largest absolute joint torques, as bounds on the speed and acceleration along a path.
-
-    Attributes:
-        dynamics: of the robot and what it carries, or of several that share a load.
-        effort: (n,) newton metres (newtons), positive; inf where unknown.
-    """
-
-    dynamics: Dynamics
-    effort: Array
-
-    @staticmethod
-    def of(dynamics: Dynamics, effort: ArrayLike | None = None) -> TorqueLimits:
-        """The given limits (a number, or one for each joint), or the robot's own.
-
-        Raises:
-            InputError: a limit that is zero, negative or NaN.
-        """
-        robot = dynamics.kinematics
-        values = np.broadcast_to(np.asarray(robot.effort if effort is None else effort, float), (robot.dof,))
-        bad = np.isnan(values) | (values <= 0)
-        if np.any(bad):
-            joint = int(np.argmax(bad))
-            raise InputError(
-                f"the effort limit of {robot.joint_names[joint]} is {values[joint]}",
-                where="effort",
-                remedy="pass positive limits: one number, or one for each joint",
-            )
-        return TorqueLimits(dynamics, np.array(values))
-
-    def along(self, q: Array, first: Array, second: Array, cap: Array) -> tuple[Array, Array, Array, Array]:
-        """Rows `low <= a sdd + b sd^2 <= high` (g, m), for joints with a limit, at q, dq/ds and d2q/ds2.
-
-        What it takes to hold still, and damping at the largest speed (its square is `cap`), is taken off the limits.
-
-        Raises:
-            TooWeakError: a joint can't hold the arm still somewhere.
-        """
-        zero = np.zeros_like(q)
-        still = self.dynamics.at(q, zero, zero)
-        damped = self.dynamics.damping * np.abs(first) * np.sqrt(np.minimum(cap, 1e12))[:, None]
-        self._check(still)
-        a = self.dynamics.at(q, zero, first) - still
-        b = self.dynamics.at(q, first, second) - still - self.dynamics.damping * first
-        room = np.maximum(self.effort - np.abs(still) - damped, 1e-3 * (self.effort - np.abs(still)))
-        high = np.where(still >= 0, room, room + 2 * np.abs(still))
-        low = np.where(still >= 0, -room - 2 * np.abs(still), -room)
-        limited = np.isfinite(self.effort)
-        return a[:, limited], b[:, limited], low[:, limited], high[:, limited]
-
-    def share(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """(T,) the largest share, over the joints, of the torque that holding still leaves for moving."""
-        zero = np.zeros_like(q)
-        still = self.dynamics.at(q, zero, zero)
-        self._check(still)
-        moving = self.dynamics.at(q, qd, qdd) - still
-        left = np.where(moving >= 0, self.effort - still, self.effort + still)
-        shares: Array = np.where(np.isfinite(self.effort), np.abs(moving) / left, 0.0).max(axis=1)
-        return shares
-
-    def _check(self, still: Array) -> None:
-        over = np.abs(still) >= self.effort
-        if np.any(over):
-            row, joint = (int(i) for i in np.argwhere(over)[0])
-            robot = self.dynamics.kinematics
-            raise TooWeakError(
-                f"joint {robot.joint_names[joint]} needs {abs(still[row, joint]):.1f} N m to hold still on the path, "
-                f"and has {self.effort[joint]:.1f}",
-                where="path",
-                remedy="carry less, or keep the load closer to the base",
             )
 
 

@@ -142,9 +142,9 @@ class ClearanceEngine:
         """At q (n,) the signed distances (m, k) of every sphere to every obstacle, and their gradients (m, k, n)."""
         row = self._rows(q, 1)[0]
         gap = np.empty((len(self.cover), len(self.obstacles)))
-        gradient = np.empty((*gap.shape, self.robot.dof))
+        gradient = np.empty((*gap.shape, self.robot.joint_count))
         _kernels().pair_gaps(self._tree, self._spheres, self.obstacles.shapes, row, gap, gradient)
-        return gap, gradient
+        return gap, self._by_variable(gradient, row)
 
     def self_clearances(self, q: ArrayLike) -> Array:
         """Signed distances (..., p) between the spheres of each pair at q (..., n)."""
@@ -164,7 +164,7 @@ class ClearanceEngine:
         room = self._contacts_a_row * len(rows)
         while True:
             who, gap = np.empty((room, 4), dtype=np.int64), np.empty(room)
-            gradient = np.empty((room, self.robot.dof))
+            gradient = np.empty((room, self.robot.joint_count))
             count = _contact_kernels().near_contacts(
                 self._tree,
                 self._spheres,
@@ -178,7 +178,8 @@ class ClearanceEngine:
             )
             if count <= room:
                 row, sphere, obstacle, other = who[:count].T
-                return Contacts(row, sphere, obstacle, other, gap[:count], gradient[:count])
+                rates = self._by_variable(gradient[:count], rows[row])
+                return Contacts(row, sphere, obstacle, other, gap[:count], rates)
             room, self._contacts_a_row = count, 1 + count // len(rows)
 
     def _smallest(self, rows: Array, with_gradient: bool) -> tuple[Array, Array, Index]:
@@ -187,23 +188,30 @@ class ClearanceEngine:
         _kernels().smallest_gaps(
             self._tree, self._spheres, self.obstacles.shapes, self.pairs, rows, gap, gradient, where
         )
-        return gap, gradient, where
+        return gap, self._by_variable(gradient, rows), where
 
     def _of_spheres(self, rows: Array, with_gradient: bool) -> tuple[Array, Array, Index]:
         gap = np.empty((len(rows), len(self.cover)))
-        gradient = np.empty((*gap.shape, self.robot.dof)) if with_gradient else NO_GRADIENT
+        gradient = np.empty((*gap.shape, self.robot.joint_count)) if with_gradient else NO_GRADIENT
         which = np.empty(gap.shape, dtype=np.int64)
         _kernels().sphere_gaps(self._tree, self._spheres, self.obstacles.shapes, rows, gap, gradient, which)
-        return gap, gradient, which
+        return gap, self._by_variable(gradient, rows), which
 
     def _of_pairs(self, rows: Array, with_gradient: bool) -> tuple[Array, Array]:
         gap = np.empty((len(rows), len(self.pairs)))
-        gradient = np.empty((*gap.shape, self.robot.dof)) if with_gradient else NO_GRADIENT
+        gradient = np.empty((*gap.shape, self.robot.joint_count)) if with_gradient else NO_GRADIENT
         _kernels().self_gaps(self._tree, self._spheres, self.pairs, rows, gap, gradient)
-        return gap, gradient
+        return gap, self._by_variable(gradient, rows)
+
+    def _by_variable(self, gradient: Array, rows: Array) -> Array:
+        """Gradients (c, ..., n) by the robot's variables, of those by its joints, at joint values (c, m)."""
+        coupling = self.robot.coupling
+        if coupling is None or gradient.size == 0:
+            return gradient if coupling is None else gradient[..., : self.robot.dof]
+        return coupling.gathered(gradient, coupling.variables(rows))
 
     def _rows(self, q: ArrayLike, ndim: int | None = None) -> Array:
-        """Configurations (c, n) as the kernels take them: checked, writable, without gaps."""
+        """Joint values (c, m) of configurations as the kernels take them: checked, writable, without gaps."""
         try:
             values = np.asarray(q, dtype=float)
         except (TypeError, ValueError):
@@ -221,6 +229,8 @@ class ClearanceEngine:
         # One product tells that all is finite, and costs less than looking at each.
         if not math.isfinite(flat @ flat) and not np.isfinite(flat).all():
             raise InputError("joint values are not finite", where="q")
+        if self.robot.coupling is not None:
+            return np.ascontiguousarray(self.robot.joint_values(rows))
         return rows if rows.flags.writeable else rows.copy()
 
 

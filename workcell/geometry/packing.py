@@ -30,8 +30,8 @@ _trees, _spheres = ByIdentity(), ByIdentity()
 
 
 def pack_arm(robot: Robot) -> Arm:
-    """The robot's chain to its default tool, with its own limits."""
-    return _arms.get((robot,), lambda: _arm(robot))
+    """The robot's chain of m joints to its default tool, with its own limits."""
+    return _arms.get((robot,), lambda: _arm(robot.uncoupled))
 
 
 def joint_bounds(robot: Robot, lower: Array, upper: Array) -> Array:
@@ -64,7 +64,7 @@ def _arm(robot: Robot) -> Arm:
 
 
 def axis_frames(robot: Robot) -> Array:
-    """(n + 1, 3, 3) for each link a frame in it whose z is the axis of its joint; the base's own for link 0."""
+    """(m + 1, 3, 3) for each link a frame in it whose z is the axis of its joint; the base's own for link 0."""
     return _frames.get((robot,), lambda: _axis_frames(robot))
 
 
@@ -89,8 +89,8 @@ def _cover(robot: Robot, cover: SphereCover, shrunk: bool) -> tuple[Array, Array
     centre = np.einsum("kji,kj->ki", axis_frames(robot)[link], cover.centre[order])
     radius = (cover.bare_radius if shrunk else cover.radius)[order]
     spheres = np.column_stack([centre, radius, order.astype(float), link.astype(float)])
-    balls = np.zeros((robot.dof + 1, 6))
-    links = np.arange(robot.dof + 1)
+    balls = np.zeros((robot.joint_count + 1, 6))
+    links = np.arange(robot.joint_count + 1)
     first, last = np.searchsorted(link, links, "left"), np.searchsorted(link, links, "right")
     for k, (a, b) in enumerate(zip(first, last, strict=True)):
         balls[k, 4:] = a, b
@@ -198,7 +198,7 @@ def pack_shapes(pieces: Sequence[Piece]) -> Shapes:
 
 def pack_tree(robot: Robot) -> Tree:
     """The robot's links, tools left out; it need not be serial."""
-    return _trees.get((robot,), lambda: _tree(robot))
+    return _trees.get((robot,), lambda: _tree(robot.uncoupled))
 
 
 def _tree(robot: Robot) -> Tree:
@@ -221,11 +221,11 @@ def pack_spheres(robot: Robot, cover: SphereCover) -> Array:
 
 
 def _sphere_rows(robot: Robot, cover: SphereCover) -> Array:
-    if len(cover) and not (cover.link.min() >= 0 and cover.link.max() <= robot.dof):
+    if len(cover) and not (cover.link.min() >= 0 and cover.link.max() <= robot.joint_count):
         raise InputError(
             f"spheres on links {cover.link.min()} to {cover.link.max()} of {robot.name}",
             where="cover",
-            remedy=f"links 0 (the base) to {robot.dof}",
+            remedy=f"links 0 (the base) to {robot.joint_count}",
         )
     centre = np.einsum("kji,kj->ki", axis_frames(robot)[cover.link], cover.centre)
     return np.column_stack([centre, cover.radius, cover.link.astype(float)])

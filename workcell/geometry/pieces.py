@@ -13,6 +13,7 @@ from workcell.errors import ModelError
 from workcell.geometry.types import Piece, PieceKind
 from workcell.model.labels import body_name, geom_name, obstacle_label
 from workcell.model.loading.compiled import link_bodies
+from workcell.model.loading.couplings import locked_values
 from workcell.model.loading.labels import shape_name
 from workcell.model.scene_parts import data_at
 from workcell.pose import Array, Pose
@@ -103,16 +104,20 @@ def robot_pieces(
     if qpos is None:
         for address, value in robot.fingers:
             positions[address] = value
-        positions[robot.qpos_addresses] = robot.start
+        robot.place(positions, robot.start)
     q = positions[robot.qpos_addresses]
+    robot.place(positions, q)
     return _link_pieces(model, robot.robot, robot.link_body_ids, positions, q)
 
 
 def model_pieces(model: mujoco.MjModel, robot: Robot) -> tuple[tuple[Piece, ...], ...]:
     """The same for a robot file that was compiled by itself (`workcell.model.loading.load.load_compiled`)."""
     positions = np.array(model.qpos0)
-    addresses = [int(model.joint(name).qposadr[0]) for name in robot.joint_names]
-    return _link_pieces(model, robot, link_bodies(model, robot), positions, positions[addresses])
+    for joint, value in locked_values(model).items():
+        positions[model.jnt_qposadr[joint]] = value
+    q = positions[[int(model.joint(name).qposadr[0]) for name in robot.joint_names]]
+    positions[[int(model.joint(name).qposadr[0]) for name in robot.all_joint_names]] = robot.joint_values(q)
+    return _link_pieces(model, robot, link_bodies(model, robot), positions, q)
 
 
 def move_piece(piece: Piece, pose: Pose) -> Piece:

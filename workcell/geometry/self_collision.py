@@ -111,7 +111,7 @@ def self_collision_pairs(
         free = _free(robot, known_free)
         tolerated = np.any(_gaps(robot, cover, candidates, free) <= 0, axis=0) & ~always
     if prove:
-        never = _never_touch(robot, cover, candidates, ~np.any(touching, axis=0) & ~tolerated)
+        never = _never_touch(robot.uncoupled, cover, candidates, ~np.any(touching, axis=0) & ~tolerated)
     kept = ~(always | tolerated | never)
     return SelfCollisionPairs(
         candidates[kept], candidates[always], candidates[tolerated], candidates[never], chosen
@@ -125,7 +125,7 @@ def _free(robot: Robot, known_free: ArrayLike) -> Array:
 
 def _link_pairs(robot: Robot, links: Iterable[tuple[int, int]] | None) -> tuple[tuple[int, int], ...]:
     """Pairs of links, the lower first, without adjacent ones."""
-    count = robot.dof + 1
+    count = robot.joint_count + 1
     listed = itertools.combinations(range(count), 2) if links is None else links
     chosen = set()
     for pair in listed:
@@ -148,6 +148,7 @@ def _sphere_pairs(cover: SphereCover, links: tuple[tuple[int, int], ...]) -> Ind
 
 def _gaps(robot: Robot, cover: SphereCover, pairs: Index, q: Array) -> Array:
     """Gaps (c, p) of pairs (p, 2) at configurations (c, n)."""
+    q = robot.joint_values(q)
     kernels: Any = importlib.import_module("workcell.kernels.sphere_gaps")
     gap = np.empty((len(q), len(pairs)))
     kernels.self_gaps(

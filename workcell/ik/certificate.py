@@ -166,6 +166,8 @@ def _of_robot(robot: Robot) -> Iterator[Any]:
     yield from (robot.parents, robot.joint_xyz, robot.joint_rotation, robot.axis, robot.prismatic)
     yield from (robot.lower, robot.upper, *_pose(robot.T_world_base), robot.tool().link)
     yield from _pose(robot.tool().T_link_tool)
+    if robot.coupling is not None:
+        yield from ("coupling", robot.coupling.variable, robot.coupling.coefficients, robot.coupling.own)
 
 
 def _of_piece(piece: Piece) -> tuple[Any, ...]:

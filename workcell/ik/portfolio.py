@@ -67,6 +67,8 @@ class Portfolio:
             entry, left = SOLVERS[turn.solver], turn.share * self.budget.cpu_s - self._spent()
             if self.budget.iterations is None or not entry.counts_restarts:
                 left = min(left, turn.seconds)
+            if self.problem.robot.coupling is not None and not entry.couples:
+                continue
             if (turn.seconds > 0 and left <= 0) or entry.is_futile(turn, self._progress()):
                 continue
             budget = replace(self.budget, cpu_s=max(left, 0.0))

@@ -137,9 +137,9 @@ class IKProblem:
                 remedy="pass robot.chain(tool), the joints up to one tool",
             )
         tool = self.robot.tool()
-        if tool.link != self.robot.dof:
+        if tool.link != self.robot.joint_count:
             raise InputError(
-                f"the tool {tool.name!r} of {self.robot.name} sits on link {tool.link} of {self.robot.dof}",
+                f"the tool {tool.name!r} of {self.robot.name} sits on link {tool.link} of {self.robot.joint_count}",
                 where="robot",
                 remedy="choose a tool on the last link, or pass robot.chain(tool), the joints up to the tool",
             )

@@ -74,6 +74,7 @@ class SolverEntry:
         work: what it does, as a stage of a query, where it tells no stages of its own.
         goals: which goals it takes.
         slides: whether it takes sliding joints.
+        couples: whether it takes joints that follow others.
         prepare: "module:function" that takes the problem and compiles (or loads, or makes once for a scene) what the
             solver needs: no query's budget pays for that.
         resumes: "module:class" of a search that goes on where its last turn ended: made of a problem, with
@@ -90,6 +91,7 @@ class SolverEntry:
     work: str = ""
     goals: tuple[Goal, ...] = WHOLE_POSES
     slides: bool = True
+    couples: bool = True
     prepare: str = ""
     resumes: str = ""
     counts_restarts: bool = False
@@ -147,6 +149,7 @@ SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
             work="elementary bounds",
             prepare="workcell.ik.elementary.solver:prepare",
             listed=False,
+            couples=False,
         ),
         "hjcd": SolverEntry(
             help="sampling, polished and slid clear of obstacles",
@@ -155,6 +158,7 @@ SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
             prepare="workcell.ik.hjcd.solver:prepare",
             counts_restarts=True,
             is_futile=_sampled_enough,
+            couples=False,
         ),
         "branch": SolverEntry(
             help="branch and bound over the joints, with proofs",
@@ -164,6 +168,7 @@ SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
             prepare="workcell.ik.branch.solver:prepare",
             resumes="workcell.ik.branch.solver:BranchSearch",
             is_futile=_searched_through,
+            couples=False,
         ),
         "inside": SolverEntry(
             help="branch and bound on a model inside the real geometry, whose proofs hold of that geometry",
@@ -173,6 +178,7 @@ SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
             resumes="workcell.ik.branch.inside:InsideSearch",
             is_futile=_not_yet_inside,
             listed=False,
+            couples=False,
         ),
         "multistart": SolverEntry(
             help="local search from random starts, the baseline",
@@ -185,6 +191,7 @@ SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
             run="workcell.ik.ikspark.solver:solve_ikspark",
             prepare="workcell.ik.shared.convex:prepare",
             slides=False,
+            couples=False,
             plans=True,
         ),
         "ikspark+lm": SolverEntry(
@@ -193,6 +200,7 @@ SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
             prepare="workcell.ik.shared.convex:prepare",
             options={"local": True},
             slides=False,
+            couples=False,
         ),
         "cidgik": SolverEntry(
             help="convex: distances between points driven to rank 3, with proofs",
@@ -200,6 +208,7 @@ SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
             prepare="workcell.ik.shared.convex:prepare",
             goals=ALL_GOALS,
             slides=False,
+            couples=False,
             plans=True,
         ),
         "cidgik+lm": SolverEntry(
@@ -209,6 +218,7 @@ SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
             options={"local": True},
             goals=ALL_GOALS,
             slides=False,
+            couples=False,
         ),
     }
 )
@@ -272,12 +282,15 @@ def plans_alone(name: str) -> bool:
     return name in SOLVERS and SOLVERS[name].plans
 
 
-def takers(*, goal: Goal = "pose", slides: bool = False, word: str = "and") -> str:
-    """The solvers that take such a goal, and sliding joints where asked for, as a list in words."""
+def takers(*, goal: Goal = "pose", slides: bool = False, couples: bool = False, word: str = "and") -> str:
+    """The solvers that take such a goal, and sliding or coupled joints where asked for, as a list in words."""
     able = [
         name
         for name, entry in SOLVERS.items()
-        if entry.listed and goal in entry.goals and (entry.slides or not slides)
+        if entry.listed
+        and goal in entry.goals
+        and (entry.slides or not slides)
+        and (entry.couples or not couples)
     ]
     return f"{', '.join([AUTO, *able[:-1]])} {word} {able[-1]}"
 

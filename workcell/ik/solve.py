@@ -44,6 +44,12 @@ def solve(problem: IKProblem, solver: str = AUTO, budget: Budget | None = None, 
             where="solver",
             remedy=takers(goal=problem.goal, word="or"),
         )
+    if solver != AUTO and problem.robot.coupling is not None and not SOLVERS[solver].couples:
+        raise InputError(
+            f"{solver} does not know joints that follow others, as in {problem.robot.name}",
+            where="solver",
+            remedy=takers(goal=problem.goal, couples=True, word="or"),
+        )
     turns = auto_turns(problem.robot.dof, problem.goal) if solver == AUTO else (Turn(solver),)
     result = Portfolio(problem, solver, budget or Budget(), int(seed)).run(turns)
     report(problem, result)

@@ -133,7 +133,7 @@ class CollisionModel:
         """Raw positions (nq,) of the whole scene with the robot at `q` (n,), the carried object with it."""
         qpos, here = np.array(self._qpos), np.asarray(q, dtype=float)
         if self._attached is None:
-            qpos[self.robot.qpos_addresses] = here
+            self.robot.place(qpos, here)
         else:
             place_holding(qpos, self.robot, here, self._attached, self._T_tool_object)
         return qpos

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workcell.errors import InputError, ModelError, UnknownNameError
+from workcell.model.loading.couplings import locked_values, settled
 from workcell.model.scene import Scene
 from workcell.model.scene_parts import SceneRobot, data_at, place_holding
 from workcell.pose import Array, Pose
@@ -35,14 +36,15 @@ def fingers_at(scene: Scene, robot: SceneRobot, opening: float) -> Fingers:
         raise InputError(
             f"an opening of {opening}", where="opening", remedy="a share from 0 (closed) to 1 (open)"
         )
-    placed, hand = [], _hand_joints(scene, robot)
-    for joint, (address, opened) in zip(_joints(scene, robot), robot.fingers, strict=True):
+    placed, hand = {}, _hand_joints(scene, robot)
+    for joint, (_, opened) in zip(_joints(scene, robot), robot.fingers, strict=True):
         low, high = scene.model.jnt_range[joint]
         closed = low if abs(opened - low) > abs(opened - high) else high
         if joint not in hand:
             closed = opened
-        placed.append((address, float(closed + opening * (opened - closed))))
-    return tuple(placed)
+        placed[joint] = float(closed + opening * (opened - closed))
+    values = settled(scene.model, placed)
+    return tuple((int(scene.model.jnt_qposadr[joint]), value) for joint, value in values.items())
 
 
 def fingers_holding(scene: Scene, robot: SceneRobot, thing: str, T_tool_object: Pose) -> Fingers:
@@ -213,7 +215,9 @@ def _joints(scene: Scene, robot: SceneRobot) -> list[int]:
 def _hand_joints(scene: Scene, robot: SceneRobot) -> list[int]:
     """Those of them whose bodies the tool's link carries."""
     carried = robot.link_body_ids[robot.robot.tool().link]
-    return [joint for joint in _joints(scene, robot) if int(scene.model.jnt_bodyid[joint]) in carried]
+    held = locked_values(scene.model)
+    joints = [joint for joint in _joints(scene, robot) if joint not in held]
+    return [joint for joint in joints if int(scene.model.jnt_bodyid[joint]) in carried]
 
 
 def _solid_geoms(model: mujoco.MjModel, bodies: Collection[int]) -> list[int]:

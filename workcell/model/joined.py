@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from workcell.errors import InputError
+from workcell.model.coupling import Coupling
+from workcell.model.coupling import side_by_side as couplings_side_by_side
 from workcell.model.robot import Robot
 from workcell.model.scene_parts import SceneRobot
 from workcell.pose import Pose
@@ -27,9 +29,10 @@ def joined_robot(robots: Sequence[SceneRobot]) -> Robot:
     if not robots:
         raise InputError("there is no robot to join", where="robots")
     parents, xyz, rotation, links, tools = [], [], [], ["world"], {}
-    for robot, part in zip(robots, columns(robots), strict=True):
-        chain, first = robot.robot, part.start
-        for k in range(chain.dof):
+    first = 0
+    for robot in robots:
+        chain = robot.robot
+        for k in range(chain.joint_count):
             root = chain.parents[k] == 0
             T = Pose.from_rotation(chain.joint_xyz[k], chain.joint_rotation[k])
             T = chain.T_world_base @ T if root else T
@@ -41,6 +44,7 @@ def joined_robot(robots: Sequence[SceneRobot]) -> Robot:
             if tool.link > 0:
                 name = f"{robot.name}/{tool.name}"
                 tools[name] = replace(tool, name=name, link=first + tool.link)
+        first += chain.joint_count
     chains = [robot.robot for robot in robots]
 
     def side_by_side(name: str) -> Any:
@@ -63,7 +67,16 @@ def joined_robot(robots: Sequence[SceneRobot]) -> Robot:
         acceleration=side_by_side("acceleration"),
         effort=side_by_side("effort"),
         home=side_by_side("home"),
+        coupling=_coupling(robots),
     )
+
+
+def _coupling(robots: Sequence[SceneRobot]) -> Coupling | None:
+    joined = couplings_side_by_side([r.robot.coupling for r in robots], [r.robot.joint_names for r in robots])
+    if joined is None:
+        return None
+    names = [f"{robot.name}/{joint}" for robot in robots for joint in robot.robot.all_joint_names]
+    return replace(joined, joint_names=tuple(names))
 
 
 def columns(robots: Sequence[SceneRobot]) -> list[slice]:

@@ -2,6 +2,9 @@
 
 A robot comes from a compiled MuJoCo model (`workcell.model.loading.load`) or from a problem-set file
 (`workcell.sets.problems`); from then on no solver needs to know which.
+
+Where joints follow others (`Robot.coupling`), configurations are of the n variables, and links and the arrays that
+place them of the m joints; n = m otherwise.
 """
 
 from __future__ import annotations
@@ -14,6 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError, ModelError, UnknownNameError
+from workcell.identity_cache import ByIdentity
+from workcell.model.coupling import Coupling, value_range
 from workcell.pose import Array, Pose, axis_angle_to_matrix, read_only
 
 LIMIT_SLACK = 1e-6
@@ -39,22 +44,23 @@ class Robot:
     """A kinematic tree. Link 0 is the base; joint k (from 0) moves link k + 1.
 
     The pose of link k + 1 is `T_parent * Trans(joint_xyz[k]) * joint_rotation[k] * motion(axis[k], q[k])`, with
-    the parent link `parents[k] <= k`. For n joints:
+    the parent link `parents[k] <= k`. For n variables and m joints:
 
     Attributes:
         name: the robot's name.
-        joint_names: n names.
-        link_names: n + 1 names, base first.
-        parents: (n,) index of the link that carries each joint.
-        joint_xyz: (n, 3) metres, joint frame in the parent link.
-        joint_rotation: (n, 3, 3), joint frame in the parent link; what is a rotation to 1e-6 is made one.
-        axis: (n, 3) unit vectors in the joint frame; what is given to 1e-6 is made one.
-        prismatic: (n,) bool; False means revolute.
-        lower, upper: (n,) radians or metres.
+        joint_names: n names, of the joints that are variables.
+        link_names: m + 1 names, base first.
+        parents: (m,) index of the link that carries each joint.
+        joint_xyz: (m, 3) metres, joint frame in the parent link.
+        joint_rotation: (m, 3, 3), joint frame in the parent link; what is a rotation to 1e-6 is made one.
+        axis: (m, 3) unit vectors in the joint frame; what is given to 1e-6 is made one.
+        prismatic: (m,) bool; False means revolute.
+        lower, upper: (n,) radians or metres; joints that follow keep their own limits within these.
         velocity, acceleration, effort: (n,) largest absolute values; inf where unknown.
         tools: by name; `default_tool` is used where none is named.
         T_world_base: pose of link 0.
         home: (n,) a configuration inside the limits.
+        coupling: how joints follow from the variables; None: each joint is a variable (n = m).
     """
 
     name: str
@@ -74,6 +80,7 @@ class Robot:
     default_tool: str
     T_world_base: Pose = field(default_factory=Pose.identity)
     home: Array = field(default_factory=lambda: np.zeros(0))
+    coupling: Coupling | None = None
 
     def __post_init__(self) -> None:
         n = len(self.joint_names)
@@ -104,9 +111,12 @@ class Robot:
         object.__setattr__(self, "joint_rotation", read_only(_rotations(self.joint_rotation)))
 
     def _validate(self, n: int) -> None:
-        if len(self.link_names) != n + 1:
-            raise ModelError(f"the robot {self.name!r} has {n} joints but {len(self.link_names)} links")
-        if np.any(self.parents > np.arange(n)) or np.any(self.parents < 0):
+        m = self.joint_count
+        if self.coupling is not None and (len(self.coupling.own) != n or len(self.parents) != m):
+            raise ModelError(f"the coupling of {self.name!r} is not of its {n} variables and {m} joints")
+        if len(self.link_names) != m + 1:
+            raise ModelError(f"the robot {self.name!r} has {m} joints but {len(self.link_names)} links")
+        if np.any(self.parents > np.arange(m)) or np.any(self.parents < 0):
             raise ModelError(f"the robot {self.name!r} must list its joints parent first")
         for k, joint in enumerate(self.joint_names):
             if (
@@ -118,9 +128,10 @@ class Robot:
                     where=self.name,
                     remedy="lower and upper must be finite, with lower <= upper",
                 )
-            if not abs(np.linalg.norm(self.axis[k]) - 1.0) <= _NEARLY:
+        names = self.all_joint_names
+        for joint, axis, R in zip(names, self.axis, self.joint_rotation, strict=True):
+            if not abs(np.linalg.norm(axis) - 1.0) <= _NEARLY:
                 raise ModelError(f"the axis of joint {joint!r} is not a unit vector", where=self.name)
-            R = self.joint_rotation[k]
             if not np.abs(R @ R.T - np.eye(3)).max() <= _NEARLY or np.linalg.det(R) < 0:
                 raise ModelError(f"the frame of joint {joint!r} is not turned by a rotation", where=self.name)
         if self.default_tool not in self.tools:
@@ -128,13 +139,53 @@ class Robot:
 
     @property
     def dof(self) -> int:
-        """Number of actuated joints."""
+        """Number of variables n: of actuated joints."""
         return len(self.joint_names)
+
+    @property
+    def joint_count(self) -> int:
+        """Number of joints m, those that follow others included."""
+        return self.dof if self.coupling is None else len(self.coupling.variable)
+
+    @property
+    def all_joint_names(self) -> tuple[str, ...]:
+        """m names."""
+        return self.joint_names if self.coupling is None else self.coupling.joint_names
 
     @property
     def is_serial(self) -> bool:
         """Whether every joint sits on the link that the previous one moves."""
-        return bool(np.array_equal(self.parents, np.arange(self.dof)))
+        return bool(np.array_equal(self.parents, np.arange(self.joint_count)))
+
+    @property
+    def repeats(self) -> NDArray[np.bool_]:
+        """(n,) bool: whether a whole turn of the variable leaves every link where it is."""
+        turning: NDArray[np.bool_] = ~self.prismatic
+        if self.coupling is None:
+            return turning
+        slope = self.coupling.coefficients[:, 1]
+        bent = np.any(self.coupling.coefficients[:, 2:], axis=1)
+        whole = (turning & ~bent & (slope == np.round(slope))) | (~bent & (slope == 0.0))
+        return np.array([bool(np.all(whole[self.coupling.variable == v])) for v in range(self.dof)])
+
+    @property
+    def slides(self) -> NDArray[np.bool_]:
+        """(n,) bool: whether the variable is metres of a prismatic joint."""
+        return self.prismatic if self.coupling is None else self.prismatic[self.coupling.own]
+
+    def joint_values(self, q: ArrayLike) -> Array:
+        """Values (..., m) of all joints at configurations (..., n)."""
+        return np.asarray(q, dtype=float) if self.coupling is None else self.coupling.values(q)
+
+    @property
+    def uncoupled(self) -> Robot:
+        """The robot whose m joints move by themselves, each within the range that the coupling leaves it.
+
+        What no configuration of it can do, none of this one can. A robot without a coupling is itself.
+        """
+        if self.coupling is None:
+            return self
+        return _uncoupled_robots.get((self,), lambda: _uncoupled(self))
 
     @property
     def joint_limits(self) -> Array:
@@ -199,7 +250,7 @@ class Robot:
         near = q - turn * np.round((q - centre) / turn)
         near = np.where(near < self.lower - LIMIT_SLACK, near + turn, near)
         near = np.where(near > self.upper + LIMIT_SLACK, near - turn, near)
-        return np.where(self.prismatic, q, near)
+        return np.where(self.repeats, near, q)
 
     def random_configuration(self, rng: np.random.Generator, size: int | None = None) -> Array:
         """Uniform in the limits: (n,), or (size, n)."""
@@ -207,14 +258,14 @@ class Robot:
         return rng.uniform(self.lower, self.upper, size=shape)
 
     def link_transforms(self, q: ArrayLike) -> Array:
-        """World poses of all links, (..., n + 1, 4, 4), for configurations (..., n)."""
-        q = np.asarray(q, dtype=float)
+        """World poses of all links, (..., m + 1, 4, 4), for configurations (..., n)."""
+        q = self.joint_values(q)
         batch = q.shape[:-1]
-        T = np.zeros((*batch, self.dof + 1, 4, 4))
+        T = np.zeros((*batch, self.joint_count + 1, 4, 4))
         T[..., 3, 3] = 1.0
         T[..., 0, :, :] = self.T_world_base.matrix
         motion = self._joint_transforms(q)
-        for k in range(self.dof):
+        for k in range(self.joint_count):
             T[..., k + 1, :, :] = T[..., int(self.parents[k]), :, :] @ motion[..., k, :, :]
         return T
 
@@ -244,11 +295,12 @@ class Robot:
         frame = self.tool(tool)
         T = self.link_transforms(q)
         tip = (T[..., frame.link, :, :] @ frame.T_link_tool.matrix)[..., :3, 3]
-        return self.point_jacobian(T, frame.link, tip)
+        J = self.point_jacobian(T, frame.link, tip)
+        return J if self.coupling is None else self.coupling.gathered(J, q)
 
     def point_jacobian(self, T: Array, link: int, point: Array) -> Array:
-        """Jacobian (..., 6, n) of a world point (..., 3) carried by `link`, given `T = link_transforms(q)`."""
-        J = np.zeros((*T.shape[:-3], 6, self.dof))
+        """Jacobian (..., 6, m) by joints of a world point (..., 3) that `link` carries, `T = link_transforms(q)`."""
+        J = np.zeros((*T.shape[:-3], 6, self.joint_count))
         for k in self.path_to(link):
             z = T[..., k + 1, :3, :3] @ self.axis[k]
             if self.prismatic[k]:
@@ -276,36 +328,39 @@ class Robot:
         path = self.path_to(frame.link)
         if not path:
             raise InputError(f"no joint of {self.name} moves the tool {frame.name!r}", where="tool")
-        if path == tuple(range(self.dof)):
+        if path == tuple(range(self.joint_count)):
             return replace(self, default_tool=frame.name)
-        kept = np.array(path)
+        kept, coupling = np.array(path), self.coupling
+        variables = kept
+        if coupling is not None:
+            for follower, leader in coupling.lost(path):
+                names = self.all_joint_names
+                raise InputError(
+                    f"joint {names[follower]!r} follows {names[leader]!r}, which does not move the tool {frame.name!r}",
+                    where="tool",
+                    remedy="a tool that both of them move",
+                )
+            variables = np.unique(coupling.variable[kept])
+            coupling = coupling.part(path)
         index = {0: 0} | {k + 1: i + 1 for i, k in enumerate(path)}
         tools = {t.name: replace(t, link=index[t.link]) for t in self.tools.values() if t.link in index}
-        arrays = (
-            "joint_xyz",
-            "joint_rotation",
-            "axis",
-            "prismatic",
-            "lower",
-            "upper",
-            "velocity",
-            "acceleration",
-            "effort",
-            "home",
-        )
+        by_joint = ("joint_xyz", "joint_rotation", "axis", "prismatic")
+        by_variable = ("lower", "upper", "velocity", "acceleration", "effort", "home")
         return replace(
             self,
-            joint_names=tuple(self.joint_names[k] for k in path),
+            joint_names=tuple(self.joint_names[k] for k in variables),
             link_names=(self.link_names[0], *(self.link_names[k + 1] for k in path)),
             parents=np.arange(len(path)),
             tools=tools,
             default_tool=frame.name,
-            **{name: getattr(self, name)[kept] for name in arrays},
+            coupling=coupling,
+            **{name: getattr(self, name)[kept] for name in by_joint},
+            **{name: getattr(self, name)[variables] for name in by_variable},
         )
 
     def reach(self, tool: str | None = None) -> float:
         """Upper bound in metres on the distance between the first joint's origin and the tool (triangle inequality)."""
-        chain = self.chain(tool)
+        chain = self.chain(tool).uncoupled
         frame = chain.tool()
         travel = np.where(chain.prismatic, np.maximum(np.abs(chain.lower), np.abs(chain.upper)), 0.0)
         links = np.linalg.norm(chain.joint_xyz[1:], axis=1).sum() + np.linalg.norm(frame.T_link_tool.position)
@@ -327,6 +382,31 @@ def _rotations(matrices: Array) -> Array:
     left, _, right = np.linalg.svd(matrices)
     rotations: Array = np.where((off > _ROUNDED)[:, None, None], left @ right, matrices)
     return rotations
+
+
+_uncoupled_robots = ByIdentity()
+
+
+def _uncoupled(robot: Robot) -> Robot:
+    coupling = robot.coupling
+    assert coupling is not None
+    lower, upper = np.array(robot.lower[coupling.variable]), np.array(robot.upper[coupling.variable])
+    for k in coupling.followers:
+        # what counts as within the variable's limits is within these
+        ends = float(lower[k]) - LIMIT_SLACK, float(upper[k]) + LIMIT_SLACK
+        lower[k], upper[k] = value_range(coupling.coefficients[k], *ends)
+    unlimited = np.full(len(lower), np.inf)
+    return replace(
+        robot,
+        joint_names=coupling.joint_names,
+        lower=lower,
+        upper=upper,
+        velocity=unlimited,
+        acceleration=unlimited,
+        effort=unlimited,
+        home=coupling.values(robot.home),
+        coupling=None,
+    )
 
 
 def serial_robot(

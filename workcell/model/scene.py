@@ -19,6 +19,7 @@ from workcell.model.loading.build import (
     robots_inside,
     scene_object,
     scene_robot,
+    settled_joints,
     task_of,
 )
 from workcell.model.loading.load import compile_spec, load_spec
@@ -45,7 +46,7 @@ class Scene:
         obstacles: names of the fixed bodies with collision geometry that belong to no robot and no object.
         task: the `[task]` table of the task file; a key that it lacks raises UnknownNameError.
         placed: (address in qpos, value) of the cell's own joints that begin elsewhere than the model has them, such as
-            those of a closed chuck (see `workcell.model.grip.actuated`).
+            those of a closed chuck (see `workcell.model.grip.actuated`), and those that are locked, or follow others.
         warnings: what MuJoCo warned of while it read and compiled the files, each once.
     """
 
@@ -144,7 +145,7 @@ class Scene:
         for robot in self.robots.values():
             for address, value in robot.fingers:
                 qpos[address] = value
-            qpos[robot.qpos_addresses] = robot.start
+            robot.place(qpos, robot.start)
         return read_only(qpos)
 
     def object_pose(self, name: str, qpos: Array | None = None) -> Pose:
@@ -207,6 +208,7 @@ def _compiled(spec: mujoco.MjSpec, task: TaskFile, seed: int | None = None) -> S
         goals={},
         obstacles=obstacles_of(model, robots, objects),
         task=task.task,
+        placed=settled_joints(model, tuple(robots.values())),
     )
     return replace(scene, goals=_goals(scene, task))
 

@@ -28,13 +28,14 @@ class SceneRobot:
         robot: its kinematics, with the base where it is mounted.
         body_ids: all bodies that are its own, gripper included, and its guests.
         link_body_ids: for each link, the bodies that it carries.
-        qpos_addresses, dof_addresses, actuator_ids: (n,) in the robot's joint order.
+        qpos_addresses, dof_addresses, actuator_ids: (n,) of its variables, in the robot's order.
         gripper: name of the actuator that closes its gripper, or None.
         start: (n,) configuration at the start of the task.
         fingers: (address in qpos, home value) of the joints that are not planned for: the gripper's.
         base_body: the body that its link 0 is, or that its first joint moves.
         site_ids: ids of its tools' sites, by the tools' names.
         guest_ids: bodies of others that its links carry: of an object fixed to its hand, of a robot on its flange.
+        joint_qpos_addresses, joint_dof_addresses: (m,) of all its joints, those that follow included; empty: n = m.
     """
 
     name: str
@@ -48,6 +49,8 @@ class SceneRobot:
     gripper: str | None
     start: Array
     fingers: tuple[tuple[int, float], ...] = ()
+    joint_qpos_addresses: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    joint_dof_addresses: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     base_body: int = 0
     site_ids: Mapping[str, int] = field(default_factory=dict)
     guest_ids: frozenset[int] = frozenset()
@@ -59,8 +62,16 @@ class SceneRobot:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "start", read_only(self.start))
-        for name in ("qpos_addresses", "dof_addresses", "actuator_ids"):
+        for name in ("qpos", "dof"):
+            if len(getattr(self, f"joint_{name}_addresses")) == 0:
+                object.__setattr__(self, f"joint_{name}_addresses", getattr(self, f"{name}_addresses"))
+        addresses = ("qpos_addresses", "dof_addresses", "joint_qpos_addresses", "joint_dof_addresses")
+        for name in (*addresses, "actuator_ids"):
             object.__setattr__(self, name, read_only(getattr(self, name), np.int64))
+
+    def place(self, qpos: Array, q: Array) -> None:
+        """Write a configuration (n,), and what follows from it, into raw positions (nq,)."""
+        qpos[self.joint_qpos_addresses] = self.robot.joint_values(q)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +109,7 @@ def place_holding(qpos: Array, robot: SceneRobot, q: Array, held: SceneObject, T
         held: the object.
         T_tool_object: how it stands in the tool's frame.
     """
-    qpos[robot.qpos_addresses] = q
+    robot.place(qpos, q)
     held.place(qpos, robot.robot.fk(q) @ T_tool_object)
 
 

@@ -32,6 +32,7 @@ def reach_ball(robot: Robot, cover: SphereCover) -> ReachBall:
     By the triangle inequality along the tree: offsets between joints, travel of prismatic ones, and each sphere's
     distance from its link's origin and radius.
     """
+    robot = robot.uncoupled
     away = np.zeros(robot.dof + 1)
     for joint in range(robot.dof):
         parent = int(robot.parents[joint])

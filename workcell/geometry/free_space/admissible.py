@@ -35,6 +35,7 @@ def admissible_pairs(robot: Robot, cover: SphereCover, free_space: FreeSpace) ->
         cover: m spheres in its link frames; those of link 0 don't move.
         free_space: k cuboids in the world frame.
     """
+    robot = robot.uncoupled
     table = np.zeros((len(cover), len(free_space)), dtype=bool)
     lower, upper = free_space.lower, free_space.upper
     for link in np.unique(cover.link):
@@ -141,7 +142,7 @@ def load_table(path: str | Path, robot: Robot, cover: SphereCover, free_space: F
 
 
 def _key(robot: Robot, cover: SphereCover, free_space: FreeSpace) -> bytes:
-    sha = hashlib.sha256(b"workcell pairs 1")
+    sha, robot = hashlib.sha256(b"workcell pairs 1"), robot.uncoupled
     base = robot.T_world_base
     for array in (
         *(robot.parents, robot.joint_xyz, robot.joint_rotation, robot.axis, robot.prismatic),

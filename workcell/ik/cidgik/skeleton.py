@@ -144,6 +144,12 @@ def _gram_schmidt(vectors: list[Array]) -> Array:
 
 def _refuse(robot: Robot, dimension: int) -> None:
     """Raise InputError for robots that points and distances can't describe."""
+    if robot.coupling is not None:
+        raise InputError(
+            f"joint {robot.all_joint_names[robot.coupling.followers[0]]!r} follows another, which cidgik does not know",
+            where=robot.name,
+            remedy=f"{takers(couples=True)} do",
+        )
     sliding = [name for name, prismatic in zip(robot.joint_names, robot.prismatic, strict=True) if prismatic]
     if sliding:
         raise InputError(

@@ -99,6 +99,12 @@ class Lift:
     """
 
     def __init__(self, robot: Robot) -> None:
+        if robot.coupling is not None:
+            raise InputError(
+                f"joint {robot.all_joint_names[robot.coupling.followers[0]]!r} follows another",
+                where=robot.name,
+                remedy=f"ikspark takes joints that move by themselves; {takers(couples=True)} take others too",
+            )
         sliding = [
             name for name, prismatic in zip(robot.joint_names, robot.prismatic, strict=True) if prismatic
         ]

@@ -62,15 +62,25 @@ def rotation_angle(rotation: Array) -> float:
     return math.atan2(0.5 * math.hypot(zy - yz, xz - zx, yx - xy), 0.5 * (xx + yy + zz - 1.0))
 
 
+def joint_positions(robot: Robot, q: Array) -> Array:
+    """Values (..., m) of all joints at `q` (..., n), those included that follow others by a polynomial."""
+    if robot.coupling is None:
+        return q
+    led = q[..., robot.coupling.variable]
+    powers = led[..., None] ** np.arange(robot.coupling.coefficients.shape[1])
+    values: Array = np.einsum("...ki,ki->...k", powers, robot.coupling.coefficients)
+    return values
+
+
 class ExactKinematics:
     """World poses of a robot's links, a chain's or a tree's, by products of exponentials.
 
     Attributes:
-        zero_rotation, zero_position: (n + 1, 3, 3) and (n + 1, 3), the links in the zero configuration.
+        zero_rotation, zero_position: (m + 1, 3, 3) and (m + 1, 3), the links with all m joints at zero.
     """
 
     def __init__(self, robot: Robot) -> None:
-        n = robot.dof
+        n = robot.joint_count
         self.robot = robot
         self._parents = robot.parents.tolist()
         zero = np.tile(np.eye(4), (n + 1, 1, 1))
@@ -96,7 +106,8 @@ class ExactKinematics:
         self._tool_rotation, self._tool_position = frame.T_link_tool.rotation, frame.T_link_tool.position
 
     def links(self, q: Array) -> tuple[Array, Array]:
-        """Rotations (n + 1, 3, 3) and positions (n + 1, 3) of the links in the world at `q` (n,)."""
+        """Rotations (m + 1, 3, 3) and positions (m + 1, 3) of the links in the world at `q` (n,)."""
+        q = joint_positions(self.robot, q)
         turn, slide = q * self._turning, q * self._sliding
         A, B, C = self._screws
         joints = np.sin(turn)[:, None, None] * A + (1.0 - np.cos(turn))[:, None, None] * B

@@ -18,8 +18,10 @@ def pose_errors(robot: Robot, q: Array, target: Pose) -> tuple[Array, Array]:
 
     The robot is serial, its default tool on its last link.
     """
-    tool, J = np.empty((len(q), 12)), np.empty((len(q), 6, robot.dof))
-    _kernels().tool_motions(pack_arm(robot), np.array(q), tool, J)
+    tool, J = np.empty((len(q), 12)), np.empty((len(q), 6, robot.joint_count))
+    _kernels().tool_motions(pack_arm(robot), np.array(robot.joint_values(q)), tool, J)
+    if robot.coupling is not None:
+        J = robot.coupling.gathered(J, q)
     turns = target.rotation @ np.swapaxes(tool[:, :9].reshape(-1, 3, 3), 1, 2)
     return np.concatenate([target.position - tool[:, 9:], rotation_vector(turns)], axis=1), J
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,10 +13,11 @@ from workcell.errors import InputError, ModelError, UnknownNameError
 from workcell.model.loading.actuators import actuator_of_joint
 from workcell.model.loading.assets import find_asset, find_task, is_path, list_assets, list_tasks
 from workcell.model.loading.compiled import compiled_robot
+from workcell.model.loading.couplings import settled
 from workcell.model.loading.labels import keep_apart
 from workcell.model.loading.load import compile_spec, load_spec
 from workcell.model.loading.placing import cell_site
-from workcell.model.loading.subtrees import Members, actuators_of, bodies_of_links
+from workcell.model.loading.subtrees import Members, actuators_of, bodies_of_links, joints_of
 from workcell.model.loading.taskfile import ObjectEntry, RobotEntry, TaskFile, read_task_file
 from workcell.model.scene_parts import SceneObject, SceneRobot
 
@@ -178,39 +179,55 @@ def scene_robot(
     base, *carried = bodies_of_links(model, joints, mine.own | mine.guests)
     links = (tuple(body for body in base if body in mine.own), *carried)
     guests = mine.guests.intersection(body for link in carried for body in link)
-    passive = mine.own - set(model.jnt_bodyid[list(joints)].tolist())
+    variables = [joints[k] for k in found.variables]
+    passive = [j for body in mine.own for j in joints_of(model, body) if j not in joints]
     return SceneRobot(
         name=entry.name,
         prefix=prefix,
         robot=robot,
         body_ids=mine.own | guests,
         link_body_ids=links,
-        qpos_addresses=np.array([model.jnt_qposadr[j] for j in joints]),
-        dof_addresses=np.array([model.jnt_dofadr[j] for j in joints]),
-        actuator_ids=np.array([actuator_of_joint(model, j) for j in joints]),
+        qpos_addresses=np.array([model.jnt_qposadr[j] for j in variables]),
+        dof_addresses=np.array([model.jnt_dofadr[j] for j in variables]),
+        actuator_ids=np.array([actuator_of_joint(model, j) for j in variables]),
         gripper=_gripper_actuator(model, mine.own, joints),
         start=start,
         fingers=_fingers(model, passive, prefix, home),
         base_body=found.base,
         site_ids=found.sites,
         guest_ids=guests,
+        joint_qpos_addresses=np.array([model.jnt_qposadr[j] for j in joints]),
+        joint_dof_addresses=np.array([model.jnt_dofadr[j] for j in joints]),
     )
 
 
 def _fingers(
-    model: mujoco.MjModel, bodies: frozenset[int], prefix: str, home: Mapping[str, float]
+    model: mujoco.MjModel, joints: Iterable[int], prefix: str, home: Mapping[str, float]
 ) -> tuple[tuple[int, float], ...]:
-    """(address in qpos, home value) of the hinges and slides of some bodies; without a keyframe those of `qpos0`."""
+    """(address in qpos, home value) of the hinges and slides among some joints; without a keyframe those of `qpos0`."""
     import mujoco
 
-    found = []
-    for joint in range(model.njnt):
-        single = int(model.jnt_type[joint]) in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-        if single and int(model.jnt_bodyid[joint]) in bodies:
-            address = int(model.jnt_qposadr[joint])
+    values: dict[int, float] = {}
+    for joint in sorted(joints):
+        if int(model.jnt_type[joint]) in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
             name = str(model.joint(joint).name).removeprefix(prefix)
-            found.append((address, home.get(name, float(model.qpos0[address]))))
-    return tuple(found)
+            values[joint] = home.get(name, float(model.qpos0[model.jnt_qposadr[joint]]))
+    return tuple((int(model.jnt_qposadr[joint]), value) for joint, value in settled(model, values).items())
+
+
+def settled_joints(model: mujoco.MjModel, robots: Iterable[SceneRobot]) -> tuple[tuple[int, float], ...]:
+    """(address in qpos, value) of hinges and slides of no robot that are held, or follow, elsewhere than `qpos0`."""
+    import mujoco
+
+    mine = {int(a) for robot in robots for a in robot.joint_qpos_addresses}
+    mine |= {address for robot in robots for address, _ in robot.fingers}
+    single = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    others = [
+        j for j in range(model.njnt) if model.jnt_type[j] in single and int(model.jnt_qposadr[j]) not in mine
+    ]
+    before = {joint: float(model.qpos0[model.jnt_qposadr[joint]]) for joint in others}
+    after = settled(model, before)
+    return tuple((int(model.jnt_qposadr[j]), after[j]) for j in others if after[j] != before[j])
 
 
 def _gripper_actuator(model: mujoco.MjModel, bodies: frozenset[int], joints: tuple[int, ...]) -> str | None:

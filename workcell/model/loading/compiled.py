@@ -11,7 +11,7 @@ import numpy as np
 
 from workcell.errors import ModelError, UnknownNameError
 from workcell.model.loading.actuators import actuator_of_joint, effort_limits
-from workcell.model.loading.couplings import locked_values
+from workcell.model.loading.couplings import ChainLimits, chain_variables, leaders, locked_values
 from workcell.model.loading.subtrees import bodies_of_links, joints_of, path_to
 from workcell.model.robot import LIMIT_SLACK, Robot, Tool
 from workcell.pose import Array, Pose, axis_angle_to_matrix
@@ -30,13 +30,15 @@ class CompiledRobot:
     Attributes:
         robot: its kinematics.
         base: id of the body that is its link 0, or that its first joint moves.
-        joints: ids of its joints, in order.
+        joints: ids of its m joints, in order.
+        variables: (n,) places in them of those that are variables.
         sites: ids of its tools' sites, by the tools' names.
     """
 
     robot: Robot
     base: int
     joints: tuple[int, ...]
+    variables: tuple[int, ...]
     sites: Mapping[str, int]
 
 
@@ -88,11 +90,17 @@ def compiled_robot(
     tools, sites = _tools(model, bodies, prefix, walk)
     joint_names = tuple(model.joint(j).name.removeprefix(prefix) for j in walk.joints)
     count = len(walk.joints)
-    home = [_home_value(model, j, prefix) for j in walk.joints]
-    lower, upper = _limits(model, walk.joints, where)
+    own = ChainLimits(
+        *_limits(model, walk.joints, where),
+        _numeric_limits(model, walk.joints, VELOCITY, where),
+        _numeric_limits(model, walk.joints, ACCELERATION, where),
+        effort_limits(model, walk.joints),
+    )
+    variables = chain_variables(model, walk.joints, joint_names, own, where)
+    limits = variables.limits
     robot = Robot(
         name=name,
-        joint_names=joint_names,
+        joint_names=tuple(joint_names[k] for k in variables.joints),
         link_names=(
             model.body(path[0]).name.removeprefix(prefix),
             *(model.body(int(model.jnt_bodyid[j])).name.removeprefix(prefix) for j in walk.joints),
@@ -102,17 +110,18 @@ def compiled_robot(
         joint_rotation=np.array(walk.rotation).reshape(-1, 3, 3),
         axis=np.array([model.jnt_axis[j] for j in walk.joints]),
         prismatic=np.array([int(model.jnt_type[j]) == _slide() for j in walk.joints]),
-        lower=lower,
-        upper=upper,
-        velocity=_numeric_limits(model, walk.joints, VELOCITY, where),
-        acceleration=_numeric_limits(model, walk.joints, ACCELERATION, where),
-        effort=effort_limits(model, walk.joints),
+        lower=limits.lower,
+        upper=limits.upper,
+        velocity=limits.velocity,
+        acceleration=limits.acceleration,
+        effort=limits.effort,
         tools=tools,
         default_tool=model.site(site).name.removeprefix(prefix),
         T_world_base=_pose_of_fixed_body(model, path[0]),
-        home=np.array(home),
+        home=np.array([_home_value(model, walk.joints[k], prefix) for k in variables.joints]),
+        coupling=variables.coupling,
     )
-    return CompiledRobot(robot, path[0], tuple(walk.joints), sites)
+    return CompiledRobot(robot, path[0], tuple(walk.joints), variables.joints, sites)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,20 +139,31 @@ def _walk(model: mujoco.MjModel, path: Sequence[int], name: str, where: str | Pa
     """Follow the bodies from the root, folding fixed transforms; a link's frame sits at its joint's anchor."""
     walk = _Walk([], [], [], {path[0]: 0}, {path[0]: Pose.identity()})
     T_link_body = Pose.identity()
+    held, follows = locked_values(model), leaders(model)
     for body in path:
         if body != path[0]:
             T_link_body = T_link_body @ Pose(model.body_pos[body], model.body_quat[body])
         for joint in joints_of(model, body):
-            if not _is_actuated(model, joint) or int(model.jnt_type[joint]) not in (_hinge(), _slide()):
-                kind = "is not actuated" if not _is_actuated(model, joint) else "is neither hinge nor slide"
+            leads = joint in follows or any(
+                leader == joint for found in follows.values() for leader, _ in found
+            )
+            idle = not _is_actuated(model, joint)
+            if (idle and joint not in held and not leads) or not _is_single(model, joint):
+                kind = "is not actuated" if _is_single(model, joint) else "is neither hinge nor slide"
                 raise ModelError(
                     f"joint {model.joint(joint).name!r} lies between the base of {name} and its tool, but {kind}",
                     where=where,
-                    remedy="workcell plans for actuated hinge and slide joints",
+                    remedy="workcell plans for actuated hinge and slide joints, and those that follow them",
                 )
             anchor, axis = model.jnt_pos[joint], model.jnt_axis[joint]
             reference = float(model.qpos0[model.jnt_qposadr[joint]])
             slide = int(model.jnt_type[joint]) == _slide()
+            if idle and joint in held and all(leader in held for leader, _ in follows.get(joint, [])):
+                away = held[joint] - reference
+                turn = np.eye(3) if slide else axis_angle_to_matrix(axis, away)
+                shift = away * axis if slide else anchor - turn @ anchor
+                T_link_body = T_link_body @ Pose.from_rotation(shift, turn)
+                continue
             walk.joints.append(joint)
             offset = anchor - (reference * axis if slide else 0.0)
             walk.xyz.append(T_link_body.apply(offset))
@@ -193,7 +213,9 @@ def is_gripper(model: mujoco.MjModel) -> bool:
 
 def link_bodies(model: mujoco.MjModel, robot: Robot) -> tuple[tuple[int, ...], ...]:
     """For each link of a robot that was compiled by itself, the MuJoCo bodies that it carries."""
-    return bodies_of_links(model, [model.joint(name).id for name in robot.joint_names], range(1, model.nbody))
+    return bodies_of_links(
+        model, [model.joint(name).id for name in robot.all_joint_names], range(1, model.nbody)
+    )
 
 
 def _tool_site(
@@ -229,12 +251,16 @@ def _tool_site(
     return max(sites.items(), key=depth)[1]
 
 
+def _is_single(model: mujoco.MjModel, joint: int) -> bool:
+    return int(model.jnt_type[joint]) in (_hinge(), _slide())
+
+
 def _is_actuated(model: mujoco.MjModel, joint: int) -> bool:
     return actuator_of_joint(model, joint) is not None
 
 
 def _limits(model: mujoco.MjModel, joints: Sequence[int], where: str | Path | None) -> tuple[Array, Array]:
-    """Position limits; an unlimited hinge gets one turn either way of zero, since workcell needs finite limits.
+    """Position limits, infinite for joints without.
 
     A range that MuJoCo is told to ignore (`limited="false"`) holds here, and a locked joint has its one value.
     """
@@ -258,12 +284,8 @@ def _limits(model: mujoco.MjModel, joints: Sequence[int], where: str | Path | No
                     where=where,
                 )
             low, high = value, value
-        elif not given and int(model.jnt_type[joint]) == _slide():
-            raise ModelError(
-                f"slide joint {name!r} has no limits", where=where, remedy="give its range in the model file"
-            )
         elif not given:
-            low, high = -2 * np.pi, 2 * np.pi
+            low, high = -np.inf, np.inf
         lower.append(low)
         upper.append(high)
     return np.array(lower), np.array(upper)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from workcell.errors import InputError
-from workcell.ik.judge.exact import ExactDistances, exact_kinematics, skew
+from workcell.ik.judge.exact import ExactDistances, exact_kinematics, joint_positions, skew
 from workcell.ik.judge.verify import Verifier, sphere_name
 from workcell.ik.problem import Clearance, IKProblem
 from workcell.model.robot import LIMIT_SLACK, Robot
@@ -191,7 +191,8 @@ class BatchLinks:
         self._cross = skew(self._axis)
 
     def __call__(self, q: Array) -> tuple[Array, Array]:
-        """Rotations (k, n + 1, 3, 3) and positions (k, n + 1, 3) at configurations (k, n)."""
+        """Rotations (k, m + 1, 3, 3) and positions (k, m + 1, 3) at configurations (k, n)."""
+        q = joint_positions(self._robot, q)
         k, n = q.shape
         R, p = np.empty((k, n + 1, 3, 3)), np.empty((k, n + 1, 3))
         turned, moved = np.tile(np.eye(3), (k, 1, 1)), np.zeros((k, 3))

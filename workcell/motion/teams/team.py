@@ -114,7 +114,7 @@ class Team:
         first = next(iter(self.grasps))
         qpos = self._models[0].full_qpos(q[self.columns(first)])
         for name in self.grasps:
-            qpos[self.scene.robot(name).qpos_addresses] = q[self.columns(name)]
+            self.scene.robot(name).place(qpos, q[self.columns(name)])
         found = min((model.distance_at(qpos) for model in self._models), key=lambda one: one.distance)
         return Clearance(found.distance, found.pair)
 

@@ -13,6 +13,9 @@ from typing import Any
 
 from workcell.errors import OutputError
 
+MOST_NESTED = 16
+"""Levels of lists and objects in what is read strictly."""
+
 
 def to_json(values: Mapping[str, Any]) -> str:
     """JSON text of a dictionary: numpy arrays become lists, NaN and infinities null, paths text."""
@@ -69,6 +72,43 @@ def check_writable(path: str | Path) -> None:
             pass
     except OSError as error:
         raise _not_written(path, error) from None
+
+
+def parse_json(text: str) -> Any:
+    """The value of a JSON text, with no key twice in an object, and nested no deeper than is sane.
+
+    Raises:
+        ValueError: it is no such text; `json.JSONDecodeError` where the grammar is broken.
+    """
+    try:
+        value = json.loads(text, object_pairs_hook=_once)
+    except json.JSONDecodeError:
+        raise
+    except RecursionError:
+        raise ValueError("is nested too deeply") from None
+    except ValueError as error:
+        if not str(error).startswith("has the key"):
+            raise ValueError("holds a number of too many digits") from None
+        raise
+    if _deeper(value, MOST_NESTED):
+        raise ValueError("is nested too deeply")
+    return value
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for k, name in enumerate(names) if name in names[:k])
+        raise ValueError(f"has the key {ascii(twice)[:60]} twice")
+    return found
+
+
+def _deeper(value: Any, levels: int) -> bool:
+    if not isinstance(value, (dict, list)):
+        return False
+    inner = value.values() if isinstance(value, dict) else value
+    return levels == 0 or any(_deeper(item, levels - 1) for item in inner if isinstance(item, (dict, list)))
 
 
 def _not_written(path: Path, error: OSError) -> OutputError:

@@ -14,11 +14,12 @@ from workcell.errors import InputError
 from workcell.geometry.types import FreeSpace
 from workcell.ik.branch.checker.check import scope_of
 from workcell.ik.certificate import Certificate, Grounds, Scope, problem_hash, proof_scope
-from workcell.ik.ikspark.check import check_farkas
-from workcell.ik.ikspark.cuboid_proof import certify_model
+from workcell.ik.check import check_certificate
+from workcell.ik.ikspark.bound import Chain, Multipliers, Sum, upper_bound
+from workcell.ik.ikspark.check import check_farkas, margin
 from workcell.ik.ikspark.cuboids import CuboidSet, reachable_pairs, sphere_maps
 from workcell.ik.ikspark.instance import instance_of, relaxation_of
-from workcell.ik.ikspark.rays import certify_kinematics
+from workcell.ik.ikspark.rays import certify_kinematics, certify_model
 from workcell.ik.ikspark.solver import solve_ikspark
 from workcell.ik.problem import Budget, Clearance, IKProblem, Tolerances
 from workcell.ik.registry import SOLVERS, load
@@ -26,6 +27,15 @@ from workcell.model.robot import Robot
 from workcell.pose import Pose, axis_angle_to_matrix
 
 BUDGET = Budget(10.0)
+
+
+def nearly_parallel() -> Robot:
+    """Three axes that a file with few digits makes 1e-5 rad apart."""
+    robot = scara()
+    axis = np.array(robot.axis)
+    for k, tilt in enumerate((0.0, 1e-5, -1e-5)):
+        axis[k] = axis_angle_to_matrix(np.eye(3)[0], tilt) @ axis[k]
+    return replace(robot, name="nearly", axis=axis)
 
 
 def far(robot: Robot, seed: int = 0, away: float = 2.0) -> IKProblem:
@@ -77,26 +87,37 @@ def test_a_target_off_the_plane_of_a_planar_arm() -> None:
     assert check_farkas(problem, proof(problem)) is None
 
 
-def test_the_claim_holds_for_every_target_within_the_tolerance() -> None:
-    """The ray's value stays negative at lifted points of configurations, for targets moved by the tolerance."""
-    robot = seven_axis()
-    problem = replace(far(robot, away=1.2), tolerances=Tolerances(position=5e-3, rotation=5e-2))
-    certificate = proof(problem)
-    relaxation = relaxation_of(problem)
-    from workcell.ik.ikspark.lift import goal_vector
-    from workcell.ik.ikspark.rays import ray_value
-    from workcell.ik.shared.limits import Interval
+def any_multipliers(robot: Robot, rng: np.random.Generator) -> Multipliers:
+    """Numbers that no solver would think of; planar links anywhere."""
+    n = robot.dof
+    first = int(rng.integers(0, n))
+    last = int(rng.integers(0, n - first))
+    chords = np.abs(rng.standard_normal(2)) * [first > 0, last > 0]
+    size = 10.0 ** rng.uniform(-9, 9)
+    axes, limits = size * rng.standard_normal((2, n, 3))
+    return Multipliers((first, last), axes, size * rng.standard_normal(3), limits, size * chords)
 
-    tensor = relaxation.tensor(Interval.of(problem), problem)
-    rng = np.random.default_rng(0)
-    for _ in range(50):
-        direction, axis = rng.standard_normal((2, 3))
-        shift = 5e-3 * direction / np.linalg.norm(direction)
-        turn = axis_angle_to_matrix(axis / np.linalg.norm(axis), 5e-2)
-        T = problem.T_base_tool
-        moved = Pose.from_rotation(T.position + shift, turn @ T.rotation)
-        value, _ = ray_value(relaxation, tensor, certificate.data["ray"], goal_vector(moved))
-        assert value <= -certificate.margin
+
+@pytest.mark.parametrize("robot", [*ARMS, nearly_parallel()], ids=lambda robot: f"{robot.name}{robot.dof}")
+def test_the_bound_lies_above_every_configuration_that_reaches_within_the_tolerances(robot: Robot) -> None:
+    """F at configurations whose tool is anywhere in the ball: zero or more, and never above the bound."""
+    rng, covered = np.random.default_rng(robot.dof), np.array([5e-3, 5e-2])
+    for _ in range(40):
+        q = robot.random_configuration(rng)
+        T, (direction, axis) = robot.fk(q), rng.standard_normal((2, 3))
+        shift = covered[0] * direction / np.linalg.norm(direction)
+        turn = axis_angle_to_matrix(axis / np.linalg.norm(axis), covered[1])
+        problem = IKProblem(robot, Pose.from_rotation(T.position + shift, turn @ T.rotation))
+        chain, m = Chain.of(problem), any_multipliers(robot, rng)
+        total = Sum(chain, m)
+        R = problem.robot.link_transforms(q)[:, :3, :3]
+        at_q = total.constant + float(np.sum(total.N * (R[0].T @ R)))
+        at_q += float(m.chords @ np.cos(q - chain.middle)[[0, -1]])
+        at_q += float(m.position @ (chain.position - problem.robot.T_world_base.inverse().apply(T.position)))
+        bound = upper_bound(chain, m, total, *covered)
+        assert -1e-9 * m.length() <= at_q + covered[0] * np.linalg.norm(m.position)
+        assert at_q <= bound + 1e-9 * m.length()
+        assert margin(problem, m, covered) <= 0.0
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -105,12 +126,14 @@ def test_no_ray_certifies_a_reachable_target(seed: int) -> None:
     robot, rng = seven_axis(), np.random.default_rng(seed)
     problem = IKProblem(robot, robot.fk(robot.random_configuration(rng)))
     rows = relaxation_of(problem).cones.rows
-    stolen = proof(far(robot, seed)).data["ray"]
-    for z in (np.append(stolen, np.zeros(rows - len(stolen))), rng.standard_normal(rows), np.zeros(rows)):
+    for z in (rng.standard_normal(rows), np.zeros(rows)):
         assert certify_kinematics(problem, z) is None
-    forged = replace(proof(far(robot, seed)), problem_hash=problem_hash(problem))
-    refusal = check_farkas(problem, forged)
-    assert refusal is not None and "does not prove" in refusal
+    stolen = replace(proof(far(robot, seed)), problem_hash=problem_hash(problem))
+    for size in (1.0, 1e-12, 1e12, 0.0):
+        data = {name: size * values for name, values in stolen.data.items()}
+        kept = {name: stolen.data[name] for name in ("tolerances", "planar")}
+        refusal = check_farkas(problem, replace(stolen, data=data | kept))
+        assert refusal is not None and "does not prove" in refusal
 
 
 def test_borrowed_damaged_and_overclaiming_certificates_are_refused() -> None:
@@ -121,19 +144,59 @@ def test_borrowed_damaged_and_overclaiming_certificates_are_refused() -> None:
         reason = check_farkas(problem, changed)
         assert reason is not None and because in reason
 
+    def with_numbers(**numbers: np.ndarray) -> Certificate:
+        return replace(certificate, data={**certificate.data, **numbers})
+
     refused(far(seven_axis(), seed=1), certificate, "another problem")
     wider = replace(problem, tolerances=Tolerances(position=0.1))
     refused(wider, replace(certificate, problem_hash=problem_hash(wider)), "tolerances")
-    ray = certificate.data["ray"]
-    keep = {"tolerance": certificate.data["tolerance"]}
-    refused(problem, replace(certificate, data={"ray": ray[:-1], **keep}), "wrong length")
-    refused(problem, replace(certificate, data=keep), "missing")
-    refused(problem, replace(certificate, data={"ray": np.full_like(ray, np.nan), **keep}), "damaged")
-    refused(problem, replace(certificate, data={"ray": -ray, **keep}), "ray")
-    refused(problem, replace(certificate, data={"ray": 1e3 * ray, **keep}), "ray")
-    refused(problem, replace(certificate, scope="model"), "no free-space cuboids")
-    refused(problem, replace(certificate, scope="geometry"), "scope")
+    axes = np.asarray(certificate.data["axes"])
+    for name in certificate.data:
+        left = {key: values for key, values in certificate.data.items() if key != name}
+        refused(problem, replace(certificate, data=left), f"'{name}' is missing")
+    refused(problem, with_numbers(axes=axes[:-1]), "shape")
+    refused(problem, with_numbers(axes=np.full_like(axes, np.nan)), "not finite")
+    refused(problem, with_numbers(axes=np.full_like(axes, 1e60)), "larger than")
+    refused(problem, with_numbers(axes=-axes), "does not prove")
+    refused(problem, with_numbers(chords=np.array([-1e-300, 0.0])), "negative")
+    refused(problem, with_numbers(tolerances=np.array([1e-4, 2.0])), "exceed")
+    for planar in ([0.5, 1.0], [-1.0, 1.0], [1e300, 0.0], [4.0, 4.0]):
+        refused(
+            problem, with_numbers(planar=np.array(planar) % 1e49), "planar links" if max(planar) < 4 else ""
+        )
+    refused(problem, with_numbers(planar=np.zeros(2), chords=np.ones(2)), "belongs to a planar link")
+    refused(problem, with_numbers(ray=axes), "'ray' has no place")
+    refused(problem, replace(certificate, scope="model"), "of the scope 'kinematics'")
+    refused(problem, replace(certificate, scope="geometry"), "of the scope 'kinematics'")
+    refused(problem, replace(certificate, margin=1.1 * certificate.margin), "the margin is")
+    refused(problem, replace(certificate, margin=1e-9), "the margin is")
+    refused(problem, replace(certificate, statement="No way."), "the statement is not")
     refused(problem, replace(certificate, kind="reach"), "kind")
+
+
+def test_a_proof_is_worth_the_same_at_any_scale() -> None:
+    problem = far(seven_axis())
+    certificate = proof(problem)
+    for size in (1e-12, 1e12):
+        data = {name: size * values for name, values in certificate.data.items()}
+        kept = {name: certificate.data[name] for name in ("tolerances", "planar")}
+        assert check_farkas(problem, replace(certificate, data=data | kept)) is None
+
+
+def test_what_was_written_before_is_refused_by_name() -> None:
+    problem = far(seven_axis())
+    old = replace(proof(problem), kind="farkas")
+    assert "ask ikspark again" in str(check_certificate(problem, old))
+
+
+def test_nearly_parallel_axes_prove_what_is_true_of_them() -> None:
+    """Axes 1e-5 rad apart, taken as parallel: a target that only their departure reaches is not proved away."""
+    robot = nearly_parallel()
+    for seed in range(5):
+        q = robot.random_configuration(np.random.default_rng(seed))
+        problem = IKProblem(robot, robot.fk(q), tolerances=Tolerances(1e-7, 1e-6))
+        assert solve_ikspark(problem, Budget(0.2), 0).certificate is None
+    assert proof(far(robot, away=3.0)).margin > 0
 
 
 def test_saved_and_read_back() -> None:
@@ -153,11 +216,17 @@ def test_saved_and_read_back() -> None:
         (lambda d: d.update(margin="big"), "margin"),
         (lambda d: d.update(margin=float("nan")), "margin"),
         (lambda d: d.update(data=[]), "data"),
-        (lambda d: d["data"].update(ray=[1, 2]), "data.ray"),
-        (lambda d: d["data"]["ray"].update(shape=[7]), "data.ray"),
-        (lambda d: d["data"]["ray"].update(shape=[-1, 2]), "data.ray"),
-        (lambda d: d["data"]["ray"].update(values=["x"]), "data.ray"),
-        (lambda d: d["data"]["tolerance"].update(values=[1e-4, float("inf")]), "data.tolerance"),
+        (lambda d: d["data"].update(axes=[1, 2]), "data.axes"),
+        (lambda d: d["data"]["axes"].update(shape=[7]), "data.axes"),
+        (lambda d: d["data"]["axes"].update(shape=[-1, 2]), "data.axes"),
+        (lambda d: d["data"]["axes"].update(values=["x"]), "data.axes"),
+        (lambda d: d["data"]["tolerances"].update(values=[1e-4, float("inf")]), "data.tolerances"),
+        (lambda d: d["data"]["tolerances"].update(values=[True, 1.0]), "data.tolerances"),
+        (lambda d: d["data"]["tolerances"].update(values=["1", 1.0]), "data.tolerances"),
+        (lambda d: d["data"]["tolerances"].update(values=[10**400, 1.0]), "data.tolerances"),
+        (lambda d: d["data"]["tolerances"].update(shape=[2.0]), "data.tolerances"),
+        (lambda d: d["data"]["tolerances"].update(shape=[1] * 9 + [2]), "data.tolerances"),
+        (lambda d: d["data"].update({"\udc00": {"shape": [1]}}), "data."),
     ],
 )
 def test_damaged_documents(change, because: str) -> None:
@@ -169,7 +238,9 @@ def test_damaged_documents(change, because: str) -> None:
 
 
 def test_not_json_at_all() -> None:
-    for text, words in (("", "not JSON"), ("[", "not JSON"), ("[]", "an object"), ("7", "an object")):
+    twice, deep = '{"a": 1, "a": 1}', "[" * 99 + "]" * 99
+    wrong = ((twice, "twice"), (deep, "too deeply"), ("", "not JSON"), ("[", "not JSON"), ("[]", "an object"))
+    for text, words in (*wrong, ("7", "an object")):
         with pytest.raises(InputError, match=words):
             Certificate.from_json(text)
 
@@ -252,7 +323,7 @@ def test_the_solver_reports_a_proof_in_the_model() -> None:
     load(SOLVERS["ikspark"].prepare)(problem)  # so that compiling is not part of the budget
     candidate = solve_ikspark(problem, Budget(1.0), 0)
     assert candidate.q is None and candidate.certificate is not None
-    assert (candidate.certificate.kind, candidate.certificate.scope) == ("farkas", "model")
+    assert (candidate.certificate.kind, candidate.certificate.scope) == ("farkas/2", "model")
     assert check_farkas(problem, candidate.certificate) is None
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -13,6 +12,7 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 
 from workcell.errors import InputError
+from workcell.files import parse_json
 from workcell.geometry.types import Piece
 from workcell.identity_cache import ByIdentity
 from workcell.ik.problem import IKProblem
@@ -20,6 +20,7 @@ from workcell.model.robot import Robot
 from workcell.pose import Array, Pose, read_only
 
 FORMAT = "workcell-certificate/1"
+MOST_DIMENSIONS = 4
 
 Scope = Literal["kinematics", "geometry", "model"]
 """What a proof is about: the kinematics alone (UNREACHABLE), the true geometry (BLOCKED), the conservative model."""
@@ -75,7 +76,7 @@ class Certificate:
         """
         if isinstance(document, str):
             try:
-                document = json.loads(document)
+                document = parse_json(document)
             except ValueError as error:
                 raise InputError(f"not JSON: {error}", where=where) from None
         if not isinstance(document, dict) or document.get("format") != FORMAT:
@@ -86,36 +87,53 @@ class Certificate:
                 raise InputError("missing, or not a text", where=f"{where}.{name}")
         if texts["scope"] not in get_args(Scope):
             raise InputError(
-                f"unknown scope {texts['scope']!r}", where=f"{where}.scope", remedy=", ".join(get_args(Scope))
+                f"unknown scope {ascii(texts['scope'])[:60]}",
+                where=f"{where}.scope",
+                remedy=", ".join(get_args(Scope)),
             )
-        margin, data = document.get("margin"), document.get("data")
-        if isinstance(margin, bool) or not isinstance(margin, int | float) or not math.isfinite(margin):
+        margin, data = _numbers([document.get("margin")]), document.get("data")
+        if margin is None:
             raise InputError("missing, or not a finite number", where=f"{where}.margin")
         if not isinstance(data, dict):
             raise InputError("missing, or not an object", where=f"{where}.data")
-        arrays = {name: _array(entry, f"{where}.data.{name}") for name, entry in data.items()}
         return Certificate(
             kind=str(texts["kind"]),
             scope=cast(Scope, texts["scope"]),
             statement=str(texts["statement"]),
-            margin=float(margin),
+            margin=float(margin[0]),
             problem_hash=str(texts["problem_hash"]),
-            data=arrays,
+            data={
+                name: _array(entry, f"{where}.data.{ascii(name)[1:-1][:60]}") for name, entry in data.items()
+            },
         )
 
 
 def _array(entry: Any, where: str) -> Array:
+    """An array from its JSON object: whole numbers as shape, and as many finite numbers."""
+    shape, values = (
+        (entry.get(name) for name in ("shape", "values")) if isinstance(entry, dict) else (None, None)
+    )
+    if not isinstance(shape, list) or not isinstance(values, list) or len(shape) > MOST_DIMENSIONS:
+        raise InputError('damaged: needs "shape" and as many "values"', where=where)
+    if any(type(size) is not int or not 0 <= size <= len(values) for size in shape):
+        raise InputError('damaged: "shape" holds what is no size of an array', where=where)
+    if math.prod(shape) != len(values):
+        raise InputError(f"damaged: {len(values)} values do not fit into {shape}", where=where)
+    array = _numbers(values)
+    if array is None:
+        raise InputError("a value is not a finite number", where=where)
+    return array.reshape(shape)
+
+
+def _numbers(values: list[Any]) -> Array | None:
+    """Values as doubles, or None unless all of them are numbers (no truth values, no texts) and finite."""
+    if not set(map(type, values)) <= {int, float}:
+        return None
     try:
-        shape = tuple(int(size) for size in entry["shape"])
-        values = np.array(entry["values"], dtype=float)
-        if min(shape, default=0) < 0:
-            raise ValueError
-        array: Array = values.reshape(shape)
-    except (KeyError, TypeError, ValueError, OverflowError):
-        raise InputError('damaged: needs "shape" and as many "values"', where=where) from None
-    if not np.all(np.isfinite(array)):
-        raise InputError("a value is not finite", where=where)
-    return array
+        array = np.array(values, dtype=float)
+    except OverflowError:
+        return None
+    return array if bool(np.all(np.isfinite(array))) else None
 
 
 _HASHES, _ROBOTS, _COVERS = ByIdentity(), ByIdentity(), ByIdentity()

@@ -232,12 +232,13 @@ PROOFS: Mapping[str, ProofEntry] = MappingProxyType(
             goals=ALL_GOALS,
         ),
         "cidgik": ProofEntry(check="workcell.ik.cidgik.check:check_cidgik", goals=ALL_GOALS),
-        "farkas": ProofEntry(check="workcell.ik.ikspark.check:check_farkas"),
+        "farkas": ProofEntry(check="workcell.ik.ikspark.check:old_farkas"),
+        "farkas/2": ProofEntry(check="workcell.ik.ikspark.check:check_farkas"),
         "last_link": ProofEntry(
-            check="workcell.ik.elementary.bounds:check_last_link",
-            obstacles="workcell.ik.elementary.bounds:obstacles_used",
+            check="workcell.ik.elementary.check:check_last_link",
+            obstacles="workcell.ik.elementary.check:obstacles_used",
         ),
-        "reach": ProofEntry(check="workcell.ik.elementary.bounds:check_reach"),
+        "reach": ProofEntry(check="workcell.ik.elementary.check:check_reach"),
     }
 )
 """Every kind of certificate, by its name."""

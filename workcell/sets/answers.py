@@ -17,6 +17,8 @@ from workcell.ik.result import IKResult, Status
 
 INLINE_NUMBERS = 4096
 """Certificates with more numbers than this go into a file of their own."""
+LARGEST_FILE = 256 << 20
+"""Bytes of a certificate's file that are read at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,10 +103,21 @@ def _certificate(entry: Any, folder: Path) -> Certificate | None:
         return None
     if not isinstance(entry, str):
         return Certificate.from_json(entry)
-    beside = folder / entry
+    return read_certificate(folder / entry)
+
+
+def read_certificate(path: Path) -> Certificate:
+    """The certificate in a file.
+
+    Raises:
+        InputError: it is no plain file, too large, or not a certificate.
+    """
     try:
-        return Certificate.from_json(beside.read_text(encoding="utf-8"), str(beside))
-    except RecursionError:
-        raise InputError("is nested too deeply") from None
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        raise InputError(f"the certificate file can't be read: {error}", where=beside) from None
+        if not path.is_file():
+            raise InputError("the certificate file can't be read: there is no plain file", where=path)
+        if path.stat().st_size > LARGEST_FILE:
+            raise InputError(f"the certificate file is larger than {LARGEST_FILE >> 20} MB", where=path)
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeError, ValueError) as error:
+        raise InputError(f"the certificate file can't be read: {error}", where=path) from None
+    return Certificate.from_json(text, str(path))

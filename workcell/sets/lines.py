@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from workcell.errors import InputError
+from workcell.files import parse_json
 from workcell.sets.problems import NamedProblem, ProblemSet
 
 
@@ -59,13 +60,11 @@ def read_lines(file: Path) -> Iterator[Line]:
 
 def _line(number: int, text: str) -> Line:
     try:
-        return Line(number, json.loads(text))
+        return Line(number, parse_json(text))
     except json.JSONDecodeError as error:
         return Line(number, fault=f"is not JSON ({error.msg}, column {error.colno})")
-    except ValueError:
-        return Line(number, fault="holds a number of too many digits")
-    except RecursionError:
-        return Line(number, fault="is nested too deeply")
+    except ValueError as error:
+        return Line(number, fault=str(error))
 
 
 def recheck(

@@ -1,7 +1,7 @@
 """Proofs without a solver: the triangle inequality along the chain, and spheres placed by the target alone.
 
-Every bound is computed from the problem again when a certificate is checked; its data only name the tolerances
-that it covers and the hint (points on the joint axes) that makes the bound tight.
+Every bound is computed from the problem again when a certificate is checked (`workcell.ik.elementary.check`); its data
+only name the tolerances that it covers and the hint (points on the joint axes, a sphere and an obstacle).
 """
 
 from __future__ import annotations
@@ -26,8 +26,7 @@ WIDE = np.array([1e-3, 1e-2, 1e-3])
 for."""
 
 ROUNDING = 1e-9
-"""Metres kept back for rounding in the bounds."""
-
+"""Metres kept back for rounding in the bounds, see `workcell.ik.elementary.check`."""
 
 WORTHWHILE = 0.5
 """Share of the chain's plain length beyond which a target is far enough to look for a tighter bound."""
@@ -36,46 +35,6 @@ WORTHWHILE = 0.5
 def prove_impossible(problem: IKProblem) -> Certificate | None:
     """A certificate by one of the elementary bounds, or None; costs well below a millisecond."""
     return _prove_reach(problem) or _prove_last_link(problem)
-
-
-def check_reach(problem: IKProblem, certificate: Certificate) -> str | None:
-    """Why a `reach` certificate does not hold, or None when it does."""
-    if certificate.problem_hash != problem_hash(problem):
-        return "the certificate belongs to another problem"
-    if certificate.scope != "kinematics":
-        return f"a reach bound is about the kinematics, not {certificate.scope!r}"
-    covered, slides = certificate.data.get("tolerances"), certificate.data.get("slides")
-    refusal = _wrong_tolerances(problem, covered)
-    if refusal is not None or covered is None:
-        return refusal
-    if slides is None or slides.shape != (problem.robot.dof,) or not np.all(np.isfinite(slides)):
-        return "the points on the joint axes are missing or malformed"
-    if ReachBound.of(problem).margin(covered, slides) <= 0:
-        return "the distance to the target lies within the chain's reach"
-    return None
-
-
-def check_last_link(problem: IKProblem, certificate: Certificate) -> str | None:
-    """Why a `last_link` certificate does not hold, or None when it does."""
-    if certificate.problem_hash != problem_hash(problem):
-        return "the certificate belongs to another problem"
-    covered = certificate.data.get("tolerances")
-    refusal = _wrong_tolerances(problem, covered)
-    if refusal is not None or covered is None:
-        return refusal
-    if problem.cover is None or not problem.obstacles:
-        return "the problem has no spheres or no obstacles"
-    scope = proof_scope(problem, "spheres")
-    if certificate.scope != scope:
-        return f"the scope {certificate.scope!r} claims too much: spheres prove it of {scope!r}"
-    if _Depth.of(problem).deepest(covered)[0] <= 0:
-        return "no sphere of the last link must penetrate an obstacle at the target"
-    return None
-
-
-def obstacles_used(certificate: Certificate) -> list[int]:
-    """Index of the obstacle that a `last_link` certificate is about."""
-    return [int(certificate.data["pair"][1])]
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,32 +170,40 @@ def _prove_reach(problem: IKProblem) -> Certificate | None:
         return None
     if bound.margin(wide, slides) > 0:
         covered, margin = wide, bound.margin(wide, slides)
-    statement = (
+    data, scope = {"tolerances": covered, "slides": slides}, proof_scope(problem, "chain")
+    return Certificate("reach", scope, reach_statement(margin, covered), margin, problem_hash(problem), data)
+
+
+def reach_statement(margin: float, covered: Array) -> str:
+    """What a reach bound claims, in words."""
+    return (
         f"the target is {1e3 * margin:.1f} mm out of reach by the triangle inequality along the chain, "
         f"{_covering(covered)}"
     )
-    data = {"tolerances": covered, "slides": slides}
-    return Certificate("reach", proof_scope(problem, "chain"), statement, margin, problem_hash(problem), data)
 
 
 def _prove_last_link(problem: IKProblem) -> Certificate | None:
     if problem.cover is None or not problem.obstacles:
         return None
     wide, asked = _tolerances(problem)
-    depth = _Depth.of(problem)
+    depth = Depth.of(problem)
     margin, sphere, piece = depth.deepest(asked)
     if margin <= 0:
         return None
     covered = asked
     if depth.deepest(wide)[0] > 0:
         covered, (margin, sphere, piece) = wide, depth.deepest(wide)
-    statement = (
+    said = last_link_statement(problem, margin, covered, sphere, piece)
+    data, scope = {"tolerances": covered, "pair": np.array([sphere, piece])}, proof_scope(problem, "spheres")
+    return Certificate("last_link", scope, said, margin, problem_hash(problem), data)
+
+
+def last_link_statement(problem: IKProblem, margin: float, covered: Array, sphere: int, piece: int) -> str:
+    """What a penetration at the target claims, in words."""
+    return (
         f"wherever the arm reaches the target, {sphere_name(problem, sphere)} is inside "
         f"{problem.obstacles[piece].name}, {1e3 * margin:.1f} mm deeper than needed, {_covering(covered)}"
     )
-    data = {"tolerances": covered, "pair": np.array([sphere, piece])}
-    scope = proof_scope(problem, "spheres")
-    return Certificate("last_link", scope, statement, margin, problem_hash(problem), data)
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,7 +248,7 @@ _axes, _placed = ByIdentity(), ByIdentity()
 
 
 @dataclass(frozen=True, slots=True)
-class _Depth:
+class Depth:
     """Spheres that the target alone places, their gaps (s, k) to the obstacles there, and the clearance wanted."""
 
     placed: PlacedSpheres
@@ -289,35 +256,39 @@ class _Depth:
     wanted: float
 
     @staticmethod
-    def of(problem: IKProblem) -> _Depth:
+    def of(problem: IKProblem) -> Depth:
+        """The spheres of a problem with a cover and obstacles."""
         assert problem.cover is not None
         placed = PlacedSpheres.of(problem.robot, problem.cover)
         centres = placed.in_tool @ target_rotation(problem).T + problem.target.position
         gap = exact_distances(problem.obstacles)(centres) - placed.radius[:, None]
-        return _Depth(placed, gap, problem.tolerances.safety_margin)
+        return Depth(placed, gap, problem.tolerances.safety_margin)
 
     def deepest(self, covered: Array) -> tuple[float, int, int]:
         """(metres beyond what the tolerances can undo, sphere, piece) of the worst sphere."""
         if self.gap.size == 0:
             return -np.inf, -1, -1
-        placed = self.placed
-        gaps = self.gap + (placed.stray + covered[0] + covered[1] * placed.lever)[:, None]
+        gaps = self._gaps(covered)
         row, piece = divmod(int(gaps.argmin()), gaps.shape[1])
         margin = float(self.wanted - covered[2] - ROUNDING - gaps[row, piece])
-        return margin, int(placed.sphere[row]), piece
+        return margin, int(self.placed.sphere[row]), piece
+
+    def depth(self, covered: Array, sphere: int, piece: int) -> float:
+        """The same of one sphere and one piece; minus infinity where the target does not place the sphere."""
+        rows = np.flatnonzero(self.placed.sphere == sphere)
+        if not len(rows):
+            return -np.inf
+        return float(self.wanted - covered[2] - ROUNDING - self._gaps(covered)[rows[0], piece])
+
+    def _gaps(self, covered: Array) -> Array:
+        placed = self.placed
+        gaps: Array = self.gap + (placed.stray + covered[0] + covered[1] * placed.lever)[:, None]
+        return gaps
 
 
 def _tolerances(problem: IKProblem) -> tuple[Array, Array]:
     asked = np.array([problem.tolerances.position, problem.tolerances.rotation, 0.0])
     return np.maximum(asked, WIDE), asked
-
-
-def _wrong_tolerances(problem: IKProblem, covered: Array | None) -> str | None:
-    if covered is None or covered.shape != (3,) or not np.all(np.isfinite(covered)):
-        return "the covered tolerances are missing or malformed"
-    if np.any(covered < _tolerances(problem)[1]):
-        return "the covered tolerances are narrower than those of the problem"
-    return None
 
 
 def _covering(covered: Array) -> str:

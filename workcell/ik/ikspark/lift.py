@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.errors import InputError
 from workcell.ik.registry import takers
@@ -96,6 +97,8 @@ class Lift:
         rotations: (n + 1, 3, 3, N + 1, 13) link rotations.
         origins: (n + 1, 3, N + 1, 13) link origins, summed up from the nearer end.
         equalities: (m, N + 1, 13) rows that are zero at every configuration that reaches the goal.
+        kept: (all,) which rows of blocks' traces, joints' axes (three each) and closure (three) those are; the others
+            are zero throughout.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -134,7 +137,7 @@ class Lift:
         self.disc_start = np.array([d.start for d in self.discs], dtype=np.int64)
         self.rotations = self._rotations()
         self.origins = self._origins()
-        self.equalities = self._equalities()
+        self.equalities, self.kept = self._equalities()
         self.direct = {d.joint: d for d in self.discs if d.joint >= 0}
 
     def at(self, tensor: Array, goal: Array) -> Array:
@@ -206,7 +209,8 @@ class Lift:
         ]
         return np.stack([f if use else b for f, b, use in zip(forward, backward, fewer, strict=True)])
 
-    def _equalities(self) -> Array:
+    def _equalities(self) -> tuple[Array, NDArray[np.bool_]]:
+        """Rows that are not zero throughout; and which of all those are: traces, three a joint, closure."""
         n, robot = self.robot.dof, self.robot
         rows = []
         for start in self.ball_start:
@@ -224,8 +228,9 @@ class Lift:
         rows.append(forward[n] - backward[n])
         stacked = np.concatenate(rows)
         stacked[np.abs(stacked) < _NEGLIGIBLE] = 0.0
-        kept: Array = stacked[np.any(stacked, axis=(1, 2))]
-        return kept
+        kept = np.any(stacked, axis=(1, 2))
+        left: Array = stacked[kept]
+        return left, kept
 
     def lift(self, q: Array) -> Array:
         """x (N,) of a configuration (n,): the rank-1 point that stands for it."""

@@ -21,13 +21,12 @@ from numpy.typing import NDArray
 
 from workcell.ik.certificate import Certificate
 from workcell.ik.elementary.bounds import prove_impossible
-from workcell.ik.ikspark.cuboid_proof import certify_homeless, certify_model
 from workcell.ik.ikspark.cuboids import CuboidSet, reachable_pairs, sphere_maps
 from workcell.ik.ikspark.half_spaces import Avoidance
 from workcell.ik.ikspark.instance import Instance, instance_of, relaxation_of
 from workcell.ik.ikspark.lift import Lift, goal_vector
 from workcell.ik.ikspark.rank import ConvexSet, Iterate, ascend, linearise
-from workcell.ik.ikspark.rays import certify_kinematics
+from workcell.ik.ikspark.rays import certify_homeless, certify_kinematics, certify_model
 from workcell.ik.judge.verify import Verifier
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import NEAR_MISSES, Candidate

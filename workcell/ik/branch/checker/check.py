@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from workcell.ik.certificate import Certificate, problem_hash
+from workcell.ik.claims import WIDEST, Shape, whole_numbers, wrong_form
 from workcell.ik.problem import IKProblem
 from workcell.pose import Array
 
@@ -35,8 +36,22 @@ MOST_OVERLAP = 1e-5
 """Metres by which the clearance of a proof may exceed the one that is asked for."""
 LONGEST = 50.0
 """Metres within which the rounding slack of the checker is justified."""
+MOST_TURNED = 100.0
+"""Radians or metres beyond which no box goes."""
 MOST_NODES = 5_000_000
-_FIELDS = {"tree": 1, "splits": 1, "blocked": 2, "root": 2, "inflation": 1, "clearance": 1}
+WIDENED = 1e-10
+"""Radians (metres) by which the root box is widened before anything is proved: a double turn is less than 2 pi."""
+_FIELDS = ("tree", "splits", "blocked", "root", "inflation", "clearance")
+_SHAPES: dict[str, Shape] = {
+    "tree": (None,),
+    "splits": (None,),
+    "blocked": (2, None),
+    "inflation": (2,),
+    "clearance": (1,),
+    "seal": (8,),
+}
+_FREE_JOINTS = {"pose": 0, "position": 3, "axis": 1}
+"""Joints of the target, by the goal."""
 _OUTCOMES = {
     1: "the tree ends too early",
     2: "the tree goes on after its last leaf",
@@ -57,10 +72,12 @@ def check_branch(problem: IKProblem, certificate: Certificate) -> str | None:
     from workcell.ik.branch.checker.setup import KINDS, longest
 
     data = certificate.data
-    refusal = _check_form(data) or _check_claim(problem, certificate) or _check_root(problem, data["root"])
-    if refusal is not None:
-        return refusal
-    refusal = _check_pairs(problem, data)
+    refusal = (
+        _check_form(problem, certificate)
+        or _check_claim(problem, certificate)
+        or _check_root(problem, data["root"])
+        or _check_pairs(problem, data)
+    )
     if refusal is not None:
         return refusal
     for piece in problem.obstacles if data["blocked"].shape[1] else ():
@@ -105,34 +122,42 @@ def statement(data: Mapping[str, Any]) -> str:
     )
 
 
-def _check_form(data: Mapping[str, Array]) -> str | None:
-    for name, dimensions in _FIELDS.items():
-        if name not in data:
-            return f"the proof lacks {name!r}"
-        if data[name].ndim != dimensions:
-            return f"{name!r} has the wrong shape"
-        if not np.all(np.isfinite(data[name])):
-            return f"{name!r} holds a number that is not finite"
+def _check_form(problem: IKProblem, certificate: Certificate) -> str | None:
+    """Whether the numbers are a proof's: the arrays, and every index within its range before anything uses it."""
+    n, data = problem.robot.dof + _FREE_JOINTS[problem.goal], certificate.data
+    refusal = wrong_form(certificate, {**_SHAPES, "root": (2, n)})
+    if refusal is not None:
+        return refusal
     tree, blocked = data["tree"], data["blocked"]
     if len(tree) > MOST_NODES:
         return f"the tree has {len(tree)} nodes; at most {MOST_NODES} are read"
-    inner = int(np.count_nonzero(tree >= 0))
-    if len(data["splits"]) != inner or len(tree) != 2 * inner + 1:
-        return "the numbers of nodes, splits and leaves don't fit together"
-    if blocked.shape[0] != 2 or blocked.shape[1] != np.count_nonzero(tree <= -2) or np.any(blocked % 1):
-        return "the pairs of spheres and obstacles don't fit the leaves"
-    if "seal" not in data or not np.array_equal(data["seal"], seal(data)):
+    if not np.array_equal(data["seal"], seal(data)):
         return "the proof's numbers have been changed since it was made"
+    inner, named = tree >= 0, (tree == -2) | (tree == -3)
+    if not whole_numbers(tree[inner], n) or not bool(np.all(inner | named | (tree == -1))):
+        return "the tree has an unknown reason or joint"
+    count = int(np.count_nonzero(inner))
+    if len(data["splits"]) != count or len(tree) != 2 * count + 1:
+        return "the numbers of nodes, splits and leaves don't fit together"
+    if blocked.shape[1] != np.count_nonzero(named):
+        return "the pairs of spheres and obstacles don't fit the leaves"
+    own = tree[named] == -3
+    spheres = 0 if problem.cover is None else len(problem.cover)
+    others = blocked[1]
+    if (
+        not whole_numbers(blocked[0], spheres)
+        or not whole_numbers(others[own], spheres)
+        or not whole_numbers(others[~own], len(problem.obstacles))
+    ):
+        return _OUTCOMES[5]
     return None
 
 
 def _check_claim(problem: IKProblem, certificate: Certificate) -> str | None:
     data, allowed = certificate.data, problem.tolerances
     inflation = data["inflation"]
-    if inflation.shape != (2,) or data["clearance"].shape != (1,):
-        return "the claim is damaged"
     least = (max(allowed.position, LEAST_INFLATION[0]), max(allowed.rotation, LEAST_INFLATION[1]))
-    if inflation[0] < least[0] or inflation[1] < least[1] or np.any(inflation > 1.0):
+    if not (least[0] <= inflation[0] <= WIDEST and least[1] <= inflation[1] <= WIDEST):
         return f"the proof covers {inflation.tolist()} (m, rad) around the target; {list(least)} are needed"
     if certificate.margin != inflation[0]:
         return "the margin is not the tolerance that the proof covers"
@@ -162,10 +187,8 @@ def _check_root(problem: IKProblem, root: Array) -> str | None:
     from workcell.ik.branch.checker.setup import admissible
 
     lower, upper, periodic = admissible(problem)
-    if root.shape != (2, len(lower)):
-        return "the box of all configurations has the wrong shape"
     covered = ((root[0] <= lower) & (root[1] >= upper)) | (periodic & (root[1] - root[0] >= 2 * np.pi))
-    if not np.all(covered) or np.any(np.abs(root) > 100.0):
+    if not np.all(covered) or not np.all(np.abs(root) <= MOST_TURNED):
         k = int(np.argmin(covered))
         names = problem.robot.joint_names
         part = f"joint {names[k]!r}" if k < len(names) else "the rotations of the target"
@@ -205,7 +228,7 @@ def check_tree(problem: IKProblem, data: Mapping[str, Array], length: float) -> 
     except ValueError as error:
         return str(error)
     root = np.zeros((2, data["root"].shape[1] + 2))
-    root[:, 1:-1] = data["root"]
+    root[0, 1:-1], root[1, 1:-1] = data["root"][0] - WIDENED, data["root"][1] + WIDENED
     tree = np.array(data["tree"])
     spare = 10 * len(tree) + 1000
     arrays = (np.array(data["splits"]), np.array(data["blocked"]))

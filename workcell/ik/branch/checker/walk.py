@@ -67,9 +67,10 @@ def walk(
         else:
             empty = empty or not contract(robot, box)
         if code >= 0.0:
-            joint = int(code) + 1
-            if code != np.floor(code) or joint > joints - 2 or split >= splits.shape[0]:
+            # as a double: one that is too large for an integer would become any
+            if not (code <= joints - 3.0) or code != np.floor(code) or split >= splits.shape[0]:
                 return BAD_NODE, node
+            joint = int(code) + 1
             value = splits[split]
             split += 1
             if not root[0, joint] <= value <= root[1, joint]:

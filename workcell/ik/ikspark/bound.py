@@ -1,0 +1,269 @@
+"""The function of a `farkas/2` certificate and its upper bound, from the chain itself.
+
+See docs/proofs.md, section 7. F adds up what ties every link's rotation to its neighbours' and to the target, times the
+certificate's multipliers; it is zero or more at every configuration that reaches the target. Here it is written as
+`const + sum <N_k, R_k>` and bounded link by link. Nothing is taken from the solver's relaxation: neither its rows nor
+its idea of which axes are parallel. Where links count as planar though their axes are not quite parallel, their
+departure is part of the bound.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workcell.ik.problem import IKProblem
+from workcell.model.robot import LIMIT_SLACK
+from workcell.pose import Array, Pose
+
+ROUNDING = 1e-9
+"""Part of F (for multipliers of unit length) that is kept back for rounding.
+
+All terms of F are products of a multiplier, lengths up to `LONGEST` and entries of rotations. A product of up to
+`MOST_JOINTS` rotations errs by less than 16 u each, u = 2^-53, and sums have fewer than 400 terms: together below
+16 * 64 u + 400 u < 2e-13 of the terms' sizes, which add up to less than (8 + LONGEST) sqrt(3 * MOST_JOINTS) < 810.
+"""
+LONGEST = 50.0
+MOST_JOINTS = 64
+_SQRT2 = math.sqrt(2.0) * (1.0 + 1e-15)
+
+
+@dataclass(frozen=True, slots=True)
+class Multipliers:
+    """The numbers of a certificate.
+
+    Attributes:
+        planar: links taken as planar next to the base, and next to the target.
+        axes: (n, 3) of the axes that neighbouring links share.
+        position: (3,) of the closure.
+        limits: (n, 3) of the joint limits' cones.
+        chords: (2,) of the first and the last joint's half-spaces, zero or more.
+        links: (n - 1,) of the bounds on link rotations, zero or more; None without such.
+        places: (m, 3) of the moving spheres' places in cuboids, in the world; None without such.
+    """
+
+    planar: tuple[int, int]
+    axes: Array
+    position: Array
+    limits: Array
+    chords: Array
+    links: Array | None = None
+    places: Array | None = None
+
+    def parts(self) -> list[Array]:
+        """All that is multiplied."""
+        parts = [self.axes, self.position, self.limits, self.chords, self.links, self.places]
+        return [part for part in parts if part is not None]
+
+    def scaled(self) -> Multipliers | None:
+        """The same proof times a power of two, its largest number near one; None if all numbers are zero."""
+        largest = max((float(np.abs(part).max(initial=0.0)) for part in self.parts()), default=0.0)
+        if not largest > 0.0:
+            return None
+        shift = -math.frexp(largest)[1]
+
+        def times(part: Array | None) -> Array | None:
+            return None if part is None else np.ldexp(part, shift)
+
+        return Multipliers(
+            self.planar,
+            np.ldexp(self.axes, shift),
+            np.ldexp(self.position, shift),
+            np.ldexp(self.limits, shift),
+            np.ldexp(self.chords, shift),
+            times(self.links),
+            times(self.places),
+        )
+
+    def length(self) -> float:
+        """Euclidean length of all that is multiplied."""
+        return math.sqrt(math.fsum(float(np.sum(part * part)) for part in self.parts()))
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """A problem's chain in the base's frame, and the target.
+
+    Attributes:
+        xyz, axis, along: (n, 3) offsets, axes in the links they move, the same in the links before.
+        turn: (n, 3, 3) the joints' rotations.
+        middle, half: (n,) of the joints' intervals; half with the slack, at most pi.
+        across, turned: (n, 3) e_k in the link that joint k moves, and J u_k in the link before.
+        tool: (3,) tool point in the last link.
+        position, last: (3,) and (3, 3), target point and rotation of the last link there.
+    """
+
+    xyz: Array
+    axis: Array
+    along: Array
+    turn: Array
+    middle: Array
+    half: Array
+    across: Array
+    turned: Array
+    tool: Array
+    position: Array
+    last: Array
+
+    @staticmethod
+    def of(problem: IKProblem) -> Chain:
+        """The chain of a problem's serial robot, all of its joints turning."""
+        robot = problem.robot
+        frame, goal = robot.tool().T_link_tool, problem.T_base_tool
+        axis = robot.axis / np.linalg.norm(robot.axis, axis=1)[:, None]
+        lower, upper = robot.lower, robot.upper
+        if problem.max_step is not None and problem.q_reference is not None:
+            lower = np.maximum(lower, problem.q_reference - problem.max_step)
+            upper = np.minimum(upper, problem.q_reference + problem.max_step)
+        middle, half = 0.5 * (lower + upper), np.minimum(0.5 * (upper - lower) + LIMIT_SLACK, np.pi)
+        helper = np.eye(3)[np.argmin(np.abs(axis), axis=1)]
+        across = np.cross(helper, axis)
+        across /= np.linalg.norm(across, axis=1)[:, None]
+        side = np.cross(axis, across)
+        moved = np.cos(middle)[:, None] * across + np.sin(middle)[:, None] * side
+        turn = robot.joint_rotation
+        return Chain(
+            robot.joint_xyz,
+            axis,
+            (turn @ axis[:, :, None])[..., 0],
+            turn,
+            middle,
+            half,
+            across,
+            (turn @ moved[:, :, None])[..., 0],
+            frame.position,
+            goal.position,
+            goal.rotation @ frame.rotation.T,
+        )
+
+    @property
+    def joints(self) -> int:
+        """n."""
+        return len(self.xyz)
+
+    @property
+    def length(self) -> float:
+        """Metres that all offsets have together, the target's distance included."""
+        lengths = np.linalg.norm(np.vstack([self.xyz, self.tool, self.position]), axis=1)
+        return float(lengths.sum())
+
+
+class Sum:
+    """F without its half-spaces: `constant + sum <N[k], R_k>`."""
+
+    def __init__(self, chain: Chain, m: Multipliers) -> None:
+        n = chain.joints
+        self.N = np.zeros((n + 1, 3, 3))
+        self.N[:-1] += m.axes[:, :, None] * chain.along[:, None, :]
+        self.N[1:] -= m.axes[:, :, None] * chain.axis[:, None, :]
+        self.N[:-1] += m.position[:, None] * chain.xyz[:, None, :]
+        self.N[-1] += np.outer(m.position, chain.tool)
+        self.N[:-1] += m.limits[:, :, None] * chain.turned[:, None, :]
+        self.N[1:] -= m.limits[:, :, None] * chain.across[:, None, :]
+        self.constant = -float(m.position @ chain.position)
+        self.constant += float(np.linalg.norm(m.limits, axis=1) @ (2.0 * np.sin(0.5 * chain.half)))
+        if m.chords[0]:
+            self.constant -= float(m.chords[0] * math.cos(chain.half[0]))
+        if m.chords[1]:
+            self.constant -= float(m.chords[1] * math.cos(chain.half[-1]))
+
+    def add_references(self, links: Array, reference: Array, most: float) -> None:
+        """Bounds on how far links 1 ... n - 1 turn from `reference` (n - 1, 3, 3), Frobenius norm."""
+        self.N[1:-1] += links[:, None, None] * reference
+        self.constant -= float(links.sum()) * (3.0 - 0.5 * most * most)
+
+    def add_places(
+        self, chain: Chain, base: Pose, places: Array, link: NDArray[np.int64], centre: Array
+    ) -> None:
+        """`places` (m, 3) times the spheres' centres in the world."""
+        turned = places @ base.rotation
+        for row, k, c in zip(turned, link.tolist(), centre, strict=True):
+            self.N[:k] += row[:, None] * chain.xyz[:k, None, :]
+            self.N[k] += np.outer(row, c)
+        self.constant += float(np.sum(places @ base.position))
+
+
+def upper_bound(chain: Chain, m: Multipliers, total: Sum, position: float, rotation: float) -> float:
+    """No less than F at any configuration that reaches the target within metres and radians."""
+    n, N = chain.joints, total.N
+    first, last = m.planar
+    value = total.constant + float(np.trace(N[0])) + float(np.sum(N[n] * chain.last))
+    value += sum(largest_eigenvalue(matrix) for matrix in quaternion_forms(N[first + 1 : n - last]))
+    value += _from_base(chain, N, first, float(m.chords[0]))
+    planar, moved = _from_target(chain, N, last, float(m.chords[1]))
+    return value + planar + position * float(np.linalg.norm(m.position)) + rotation * _SQRT2 * moved
+
+
+def _from_base(chain: Chain, N: Array, count: int, chord: float) -> float:
+    d, C, off, value = chain.along[0], np.eye(3), 0.0, 0.0
+    for k in range(1, count + 1):
+        C = C @ chain.turn[k - 1]
+        off += _departure(C @ chain.axis[k - 1], d) if k > 1 else 0.0
+        weight = chord if k == 1 else 0.0
+        value += _disc(N[k] @ C.T, d, weight, float(chain.middle[0]), 1.0) + off * float(np.linalg.norm(N[k]))
+    return value
+
+
+def _from_target(chain: Chain, N: Array, count: int, chord: float) -> tuple[float, float]:
+    """What planar links next to the target add, and by how much F moves with the last link's rotation."""
+    n, d, D, off, value = chain.joints, chain.axis[-1], np.eye(3), 0.0, 0.0
+    fixed, moved = np.array(N[n]), 0.0
+    along, across = np.outer(d, d), np.eye(3) - np.outer(d, d)
+    for k in range(n - 1, n - 1 - count, -1):
+        # what joint k + 1 turns about, in the last link
+        off += _departure(D.T @ chain.axis[k], d) if k < n - 1 else 0.0
+        D = chain.turn[k] @ D
+        weight, M = chord if k == n - 1 else 0.0, N[k] @ D
+        value += _disc(chain.last.T @ M, d, weight, float(chain.middle[-1]), -1.0)
+        value += off * float(np.linalg.norm(N[k]))
+        fixed += M @ along
+        moved += math.hypot(float(np.linalg.norm(M @ across)), float(np.linalg.norm(M @ skew(d))))
+    return value, moved + float(np.linalg.norm(fixed))
+
+
+def _departure(axis: Array, d: Array) -> float:
+    """Frobenius norm by which turning about `axis` differs from turning about d or -d, at most."""
+    return 4.0 * min(float(np.linalg.norm(axis - d)), float(np.linalg.norm(axis + d)))
+
+
+def _disc(M: Array, d: Array, chord: float, middle: float, sign: float) -> float:
+    """Largest `<M, Rot(d, sign psi)> + chord cos(psi - middle)` over all psi."""
+    fixed = float(d @ M @ d)
+    c = float(np.trace(M)) - fixed + chord * math.cos(middle)
+    s = sign * float(np.sum(M * skew(d))) + chord * math.sin(middle)
+    return fixed + math.hypot(c, s)
+
+
+def skew(d: Array) -> Array:
+    """[d], the matrix (3, 3) of the cross product with d."""
+    return np.array([[0.0, -d[2], d[1]], [d[2], 0.0, -d[0]], [-d[1], d[0], 0.0]])
+
+
+def quaternion_forms(N: Array) -> Array:
+    """(m, 4, 4) K with `<N, R> = q^T K q` for the unit quaternion q (wxyz) of any R; N (m, 3, 3)."""
+    K = np.empty((len(N), 4, 4))
+    a, b, c = N[:, 0, 0], N[:, 1, 1], N[:, 2, 2]
+    K[:, 0, 0], K[:, 1, 1], K[:, 2, 2], K[:, 3, 3] = a + b + c, a - b - c, b - a - c, c - a - b
+    K[:, 0, 1] = K[:, 1, 0] = N[:, 2, 1] - N[:, 1, 2]
+    K[:, 0, 2] = K[:, 2, 0] = N[:, 0, 2] - N[:, 2, 0]
+    K[:, 0, 3] = K[:, 3, 0] = N[:, 1, 0] - N[:, 0, 1]
+    K[:, 1, 2] = K[:, 2, 1] = N[:, 0, 1] + N[:, 1, 0]
+    K[:, 1, 3] = K[:, 3, 1] = N[:, 0, 2] + N[:, 2, 0]
+    K[:, 2, 3] = K[:, 3, 2] = N[:, 1, 2] + N[:, 2, 1]
+    return K
+
+
+def largest_eigenvalue(K: Array) -> float:
+    """An upper bound on the largest eigenvalue of a symmetric matrix, whatever the library makes of it.
+
+    For any V and w, K = V w V^T + E; by Ostrowski's theorem the first part's largest eigenvalue is at most that of w
+    (or zero) times |V^T V|, and E adds its norm. What computing E rounds is below 1e-14 of the norms.
+    """
+    w, V = np.linalg.eigh(K)
+    stretched = 1.0 + float(np.linalg.norm(V.T @ V - np.eye(len(K)))) + 1e-14
+    rest = float(np.linalg.norm(K - (V * w) @ V.T)) + 1e-14 * float(np.linalg.norm(K))
+    top = float(w.max())
+    return (top * stretched if top > 0.0 else top * (2.0 - stretched)) + rest

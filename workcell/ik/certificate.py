@@ -121,7 +121,7 @@ def _array(entry: Any, where: str) -> Array:
         raise InputError(f"damaged: {len(values)} values do not fit into {shape}", where=where)
     array = _numbers(values)
     if array is None:
-        raise InputError("a value is not a finite number", where=where)
+        raise InputError("a value is not finite, or not a number", where=where)
     return array.reshape(shape)
 
 

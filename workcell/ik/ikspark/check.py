@@ -16,7 +16,7 @@ from workcell.ik.ikspark.bound import (
     upper_bound,
 )
 from workcell.ik.ikspark.cuboid_proof import held_back, moving_spheres
-from workcell.ik.problem import IKProblem
+from workcell.ik.problem import STEP_SLACK, IKProblem
 from workcell.pose import Array
 
 KIND = "farkas/2"
@@ -81,7 +81,8 @@ def margin(problem: IKProblem, m: Multipliers, covered: Array) -> float:
     total.constant += held
     if scaled.links is not None:
         assert problem.max_link_rotation is not None
-        total.add_references(scaled.links, _references(problem), problem.max_link_rotation)
+        most = problem.max_link_rotation + STEP_SLACK
+        total.add_references(scaled.links, _references(problem), most)
     if scaled.places is not None:
         assert problem.cover is not None
         chosen = moving_spheres(problem)

@@ -45,7 +45,7 @@ def coupled_arm(seed, joints=7, followers=2, *, bent=False, slides=True, every=T
         leader = order[i + 1]  # a chain of followers, which ends at a joint of its own
         row = [0.02 * rng.normal(), rng.choice([-1.0, -0.6, 0.5, 1.0]), 0.0, 0.0, 0.0]
         if bent:
-            row[2:] = 0.05 * rng.normal(size=3)
+            row[2:] = np.array([0.05, 0.01, 0.003]) * rng.normal(size=3)
         equalities.append(f'<joint joint1="j{k}" joint2="j{leader}" polycoef="{words(row)}"/>')
     text = (
         '<mujoco model="coupled"><compiler angle="radian"/><worldbody><body name="base">'

@@ -19,6 +19,7 @@ from workcell.pose import Array, quat_to_matrix
 
 if TYPE_CHECKING:
     from workcell.kernels.chain import Arm, Tree
+    from workcell.kernels.coupling import Couple
     from workcell.kernels.shapes import Shapes
 
 _UPRIGHT = np.eye(3).ravel()
@@ -36,7 +37,7 @@ def pack_arm(robot: Robot) -> Arm:
 
 def joint_bounds(robot: Robot, lower: Array, upper: Array) -> Array:
     """Limits (3, n) as in `Arm`."""
-    whole_turns = ~robot.prismatic & (upper - lower >= TURN - 1e-9)
+    whole_turns = robot.repeats & (upper - lower >= TURN - 1e-9)
     return np.stack([lower, upper, whole_turns.astype(float)])
 
 
@@ -61,6 +62,14 @@ def _arm(robot: Robot) -> Arm:
     frames[-1, :9] = (turned[-1].T @ tool.T_link_tool.rotation).ravel()
     frames[-1, 9:12] = turned[-1].T @ tool.T_link_tool.position
     return Arm(frames, joint_bounds(robot, robot.lower, robot.upper))
+
+
+def pack_couple(robot: Robot) -> Couple:
+    """How the robot's joints follow from its variables, for a robot with a coupling."""
+    from workcell.kernels.coupling import Couple
+
+    assert robot.coupling is not None
+    return Couple(np.array(robot.coupling.variable), np.array(robot.coupling.coefficients))
 
 
 def axis_frames(robot: Robot) -> Array:

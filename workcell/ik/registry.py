@@ -158,7 +158,6 @@ SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
             prepare="workcell.ik.hjcd.solver:prepare",
             counts_restarts=True,
             is_futile=_sampled_enough,
-            couples=False,
         ),
         "branch": SolverEntry(
             help="branch and bound over the joints, with proofs",

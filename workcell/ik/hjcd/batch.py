@@ -83,6 +83,7 @@ def solve_batch(
         InputError: targets or configurations of the wrong shape, or not finite; no such device, or Warp isn't
             installed.
     """
+    _refuse_couplings(robot)
     poses = _target_rows(targets)
     starts = np.empty((0, robot.dof))
     if first is not None:
@@ -135,6 +136,7 @@ def solve_two_phase(
     Raises:
         InputError: a batch below 1, unknown sampling; no such device, or Warp isn't installed.
     """
+    _refuse_couplings(robot)
     if batch < 1:
         raise InputError(f"a batch of {batch} seeds is empty", where="batch", remedy="at least 1")
     rng = np.random.default_rng(seed)
@@ -167,10 +169,20 @@ def polish_seeds(robot: Robot, target: Pose, seeds: ArrayLike, accuracy: float =
     Raises:
         InputError: configurations of the wrong shape, or not finite.
     """
+    _refuse_couplings(robot)
     q = np.clip(_configurations(robot, seeds, "seeds"), robot.lower, robot.upper)
     cost = np.empty(len(q))
     kernels().polish_batch(pack_arm(robot), _target_rows([target])[0], accuracy, q, cost)
     return BatchSolution(q, np.sqrt(cost), len(q))
+
+
+def _refuse_couplings(robot: Robot) -> None:
+    if robot.coupling is not None:
+        raise InputError(
+            f"joint {robot.all_joint_names[robot.coupling.followers[0]]!r} follows another, which batches don't know",
+            where=robot.name,
+            remedy="ask for each target by `solve`",
+        )
 
 
 def _sorted(q: Array, cost: Array) -> BatchSolution:

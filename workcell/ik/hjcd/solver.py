@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workcell.compile_ahead import SAMPLING, wait_for
-from workcell.geometry.packing import random_state
+from workcell.geometry.packing import pack_couple, random_state
 from workcell.ik.hjcd.batch import ACCURACY, BatchSolution, solve_batch, solve_two_phase
 from workcell.ik.hjcd.memory import kernels, new_memory
 from workcell.ik.hjcd.refine import DEEPEST, refine
@@ -62,10 +62,21 @@ NEARBY = 12
 
 def prepare(problem: IKProblem) -> None:
     """Import and compile (or load from the cache) what `solve_hjcd` calls for a problem, so that it is a quick one."""
-    if _searches(problem):
+    if problem.robot.coupling is not None:
+        _prepare_coupled()
+    elif _searches(problem):
         _prepare_search(refinement=problem.robot.dof >= MANY_JOINTS)
     else:
         _prepare_free()
+
+
+@functools.cache
+def _prepare_coupled() -> None:
+    from workcell.kernels.coupling import Couple
+
+    couple = Couple(np.zeros(1, dtype=np.int64), np.array([[0.0, 1.0]]))
+    nowhere = (np.zeros(7), np.zeros((0, 1)), ACCURACY, ACCURACY, 0, new_memory(1, 0), np.zeros(1))
+    kernels().search_coupled(one_joint(), couple, empty_world(1), *nowhere)
 
 
 @functools.cache
@@ -96,7 +107,9 @@ def _prepare_search(refinement: bool) -> None:
 
 
 def _searches(problem: IKProblem) -> bool:
-    """Whether there is more to a problem than kinematics and joint limits."""
+    """Whether there is more to a problem than kinematics of joints that move by themselves, and their limits."""
+    if problem.robot.coupling is not None:
+        return True
     return has_collisions(problem) or problem.checker is not None or problem.max_link_rotation is not None
 
 
@@ -126,7 +139,10 @@ def collect_solutions(
     and clearance; a `checker` is asked about each. They may lie close to each other: see
     `workcell.ik.diverse.solutions`.
     """
-    _prepare_search(refinement=problem.robot.dof >= MANY_JOINTS)
+    if problem.robot.coupling is not None:
+        _prepare_coupled()
+    else:
+        _prepare_search(refinement=problem.robot.dof >= MANY_JOINTS)
     deadline = time.process_time() + (budget or Budget(1.0)).cpu_s
     search = _Search(problem, seed)
     found: list[Array] = []
@@ -177,6 +193,7 @@ class _Search:
         if problem.checker is not None and has_collisions(problem):
             # An outer cover may forbid what the true shape allows: every other chunk forgives it its overshoot.
             self._lanes.append((shrunk_world(problem, world), new_memory(problem.robot.dof, seed + 1)))
+        self._couple = None if problem.robot.coupling is None else pack_couple(problem.robot)
         self._checks = 0
         self._refined: set[bytes] = set()
         self._refused: dict[str, None] = {}
@@ -203,9 +220,7 @@ class _Search:
             done += chunk
             for lane in list(lanes):
                 world, memory = lane
-                status = kernels().search(
-                    self._arm, world, self._pose, self._first, ACCURACY, enough(self.problem), chunk, memory, q
-                )  # fmt: skip
+                status = self._look(world, memory, chunk, q)
                 if status == kernels().FOUND and self._passes(q):
                     return self._candidate(q, exhausted=False)
                 if status == kernels().EXHAUSTED:
@@ -217,9 +232,16 @@ class _Search:
             exhausted = not lanes
         return self._candidate(None, exhausted)
 
+    def _look(self, world: World, memory: Memory, chunk: int, q: Array) -> int:
+        """Some restarts, by the kernel for the robot; what it found goes into q."""
+        given = (world, self._pose, self._first, ACCURACY, enough(self.problem), chunk, memory, q)
+        if self._couple is not None:
+            return int(kernels().search_coupled(self._arm, self._couple, *given))
+        return int(kernels().search(self._arm, *given))
+
     def _refine(self, world: World, memory: Memory, q: Array) -> bool:
         """Quadratic programs from the nearest misses, into q; for arms whose self-motion is more than a curve."""
-        if self.problem.robot.dof < MANY_JOINTS:
+        if self.problem.robot.dof < MANY_JOINTS or self._couple is not None:
             return False
         starts = [miss[3:] for miss in memory.misses if miss[0] > world.required - DEEPEST]
         starts = [q for q in starts if q.tobytes() not in self._refined]

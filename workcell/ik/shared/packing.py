@@ -26,9 +26,9 @@ def one_joint() -> Arm:
 
 
 def narrowed_arm(problem: IKProblem) -> Arm:
-    """The chain of a problem, its limits narrowed by `max_step` around `q_reference`."""
+    """The chain of a problem, its limits (of its variables) narrowed by `max_step` around `q_reference`."""
     arm = pack_arm(problem.robot)
-    if problem.max_step is None or problem.q_reference is None:
+    if (problem.max_step is None or problem.q_reference is None) and problem.robot.coupling is None:
         return arm
     interval = Interval.of(problem).closed
     return arm._replace(bounds=joint_bounds(problem.robot, interval.lower, interval.upper))
@@ -46,7 +46,7 @@ def _world(problem: IKProblem) -> World:
     from workcell.kernels.structures import World
 
     if problem.cover is None or not has_collisions(problem):
-        return empty_world(problem.robot.dof)
+        return empty_world(problem.robot.joint_count)
     spheres, balls = pack_cover(problem.robot, problem.cover)
     obstacles, faces = pack_obstacles(problem.obstacles)
     margin = float(problem.tolerances.safety_margin)

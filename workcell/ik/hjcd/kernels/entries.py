@@ -1,6 +1,7 @@
 """What solvers call: every compiled entry point, and the structures and constants that go with them."""
 
 from workcell.ik.hjcd.kernels.constrained import refine
+from workcell.ik.hjcd.kernels.coupled import search_coupled
 from workcell.ik.hjcd.kernels.free import descend_batch, polish_batch, solve_targets
 from workcell.ik.hjcd.kernels.search import (
     ARC,
@@ -37,5 +38,6 @@ __all__ = [
     "polish_batch",
     "refine",
     "search",
+    "search_coupled",
     "solve_targets",
 ]

@@ -68,7 +68,7 @@ class Memory(NamedTuple):
 
 
 @inner
-def _note(memory: Memory, world: World, q: Array, contacts: Contacts) -> None:
+def note_miss(memory: Memory, world: World, q: Array, contacts: Contacts) -> None:
     """Keep q (n,) among the near misses, with the worst pair of its contacts."""
     worst = 0
     for c in range(1, int(contacts.used[0])):
@@ -180,7 +180,7 @@ def search(
             for k in range(n):
                 out[k] = q[k]
             return FOUND
-        _note(memory, world, q, contacts)
+        note_miss(memory, world, q, contacts)
         if _improve(arm, target, world, enough, gap - world.required, q, out, memory, work, contacts, twist):
             return FOUND
         if counts[REPEATS] >= KNOWN and n <= 7:

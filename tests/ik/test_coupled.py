@@ -1,0 +1,80 @@
+"""Arms whose joints follow others: planted configurations are found, and what only free joints reach is proved out."""
+
+import numpy as np
+import pytest
+
+from tests.coupled_arms import coupled_arm, planar
+from workcell.errors import InputError
+from workcell.geometry.types import Piece, SphereCover
+from workcell.ik.hjcd.batch import solve_batch
+from workcell.ik.hjcd.solver import collect_solutions
+from workcell.ik.judge.verify import verify
+from workcell.ik.problem import Budget, IKProblem
+from workcell.ik.registry import SOLVERS
+from workcell.ik.result import Status
+from workcell.ik.solve import solve
+from workcell.model.loading.load import load_robot
+from workcell.pose import Pose
+
+TAKERS = ["auto", *(name for name, entry in SOLVERS.items() if entry.listed and entry.couples)]
+REFUSERS = [name for name, entry in SOLVERS.items() if entry.listed and not entry.couples]
+
+
+def arm(folder, text):
+    path = folder / "arm.xml"
+    path.write_text(text)
+    return load_robot(path).chain()
+
+
+def among_spheres(robot, rng, count=4):
+    """A planted configuration, its target, a cover of two spheres a link, and balls that leave it clear."""
+    links = np.repeat(np.arange(1, robot.joint_count + 1), 2)
+    centres = np.tile([[0.0, 0.0, 0.04], [0.01, 0.0, 0.11]], (robot.joint_count, 1))
+    cover = SphereCover(links, centres, np.full(len(links), 0.03))
+    q = robot.random_configuration(rng)
+    own = cover.centres_world(robot.link_transforms(q))
+    balls = []
+    while len(balls) < count:
+        centre = own[rng.integers(len(own))] + rng.normal(size=3) * 0.15
+        if np.linalg.norm(own - centre, axis=1).min() > 0.03 + 0.06 + 0.01:
+            balls.append(Piece(f"ball {len(balls)}", "sphere", Pose.from_xyz(centre), np.array([0.06])))
+    return q, IKProblem(robot, robot.fk(q), tuple(balls), cover)
+
+
+@pytest.mark.parametrize("bent", [False, True])
+@pytest.mark.parametrize("solver", TAKERS)
+def test_planted_configurations_are_found(tmp_path, solver, bent):
+    for seed in range(6):
+        robot = arm(tmp_path, coupled_arm(seed, joints=5 + seed % 4, followers=1 + seed % 2, bent=bent)[0])
+        rng = np.random.default_rng(seed)
+        for _ in range(2):
+            planted = robot.random_configuration(rng)
+            result = solve(IKProblem(robot, robot.fk(planted)), solver, Budget(30.0))
+            assert result.status is Status.SOLVED
+            assert result.q.shape == (robot.dof,) and robot.within_limits(result.q)
+
+
+@pytest.mark.parametrize("bent", [False, True])
+@pytest.mark.parametrize("solver", TAKERS)
+def test_planted_configurations_among_obstacles_are_found(tmp_path, solver, bent):
+    for seed in range(4):
+        robot = arm(tmp_path, coupled_arm(40 + seed, joints=7 + seed % 2, followers=1, bent=bent)[0])
+        planted, problem = among_spheres(robot, np.random.default_rng(seed))
+        assert verify(problem, planted).accepted
+        assert solve(problem, solver, Budget(60.0)).status is Status.SOLVED
+
+
+def test_solutions_are_collected_and_batches_say_that_they_can_t(tmp_path):
+    robot = arm(tmp_path, coupled_arm(41, joints=8, followers=1)[0])
+    _, problem = among_spheres(robot, np.random.default_rng(1))
+    found = collect_solutions(problem, 5)
+    assert len(found) == 5 and all(verify(problem, q).accepted for q in found)
+    with pytest.raises(InputError, match="follows another"):
+        solve_batch(robot, [problem.target])
+
+
+@pytest.mark.parametrize("solver", REFUSERS)
+def test_solvers_that_know_no_couplings_say_who_does(tmp_path, solver):
+    robot = arm(tmp_path, planar())
+    with pytest.raises(InputError, match=r"joints that follow others.*auto, hjcd"):
+        solve(IKProblem(robot, robot.fk([0.3])), solver)

@@ -98,16 +98,18 @@ def robot_pieces(
 ) -> tuple[tuple[Piece, ...], ...]:
     """The robot's colliding geometry, for each link (base first) in that link's frame.
 
-    Joints that are not planned for (a gripper's fingers) stand where `qpos` has them; None: at their home.
+    Joints that are not planned for (a gripper's fingers, those of a robot on its flange) stand where `qpos` has them;
+    None: at their home, or where the scene begins.
     """
     positions = np.array(model.qpos0 if qpos is None else qpos, dtype=float)
     if qpos is None:
-        for address, value in robot.fingers:
+        for address, value in (*robot.riders, *robot.fingers):
             positions[address] = value
         robot.place(positions, robot.start)
     q = positions[robot.qpos_addresses]
     robot.place(positions, q)
-    return _link_pieces(model, robot.robot, robot.link_body_ids, positions, q)
+    here = robot.standing(model, positions).robot
+    return _link_pieces(model, here, robot.link_body_ids, positions, q)
 
 
 def model_pieces(model: mujoco.MjModel, robot: Robot) -> tuple[tuple[Piece, ...], ...]:

@@ -69,10 +69,10 @@ class CollisionModel:
         import mujoco
 
         self._mujoco = mujoco
-        self.scene, self.robot = scene, scene.robot(robot)
         self._model = scene.model
         self._data = mujoco.MjData(scene.model)
         self._qpos = np.array(scene.initial_qpos() if qpos is None else qpos, dtype=float)
+        self.scene, self.robot = scene, scene.robot(robot).standing(scene.model, self._qpos)
         self._attached: SceneObject | None = None
         if attached is not None:
             self._attached = scene.object(attached[0])
@@ -261,16 +261,11 @@ def _colliding_pairs(
     pairs = colliding_pairs(model, moving, bodies_called(model, ignored, "ignored"))
     if attached is None:
         return pairs
-    carriers = _hand_bodies(robot)
+    carriers = robot.hand_ids
     owners = np.asarray(model.geom_bodyid)[pairs]
     grip = [_is_grip(int(a), int(b), attached, carriers) for a, b in owners]
     kept: NDArray[np.int64] = pairs[~np.array(grip, dtype=bool)]
     return kept
-
-
-def _hand_bodies(robot: SceneRobot) -> frozenset[int]:
-    """Bodies that the tool's link carries: the hand may touch what it holds."""
-    return robot.own_ids.intersection(robot.link_body_ids[robot.robot.tool().link])
 
 
 def _is_grip(a: int, b: int, attached: SceneObject, carriers: frozenset[int]) -> bool:

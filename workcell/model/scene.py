@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 class Scene:
     """A compiled cell. Build one with `Scene.load`.
 
+    Robots on a carriage, a lift or another robot stand where that is as the scene begins.
+
     Attributes:
         name: the task's or the cell's name.
         path: the file it came from.
@@ -65,6 +67,9 @@ class Scene:
         for name in ("robots", "objects", "goals"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         object.__setattr__(self, "task", MappingProxyType(_Settings(self.task, self.path)))
+        begin = self.initial_qpos()
+        standing = {name: robot.standing(self.model, begin) for name, robot in self.robots.items()}
+        object.__setattr__(self, "robots", MappingProxyType(standing))
 
     @staticmethod
     def load(source: str | Path, *, robot: str | None = None, seed: int | None = None) -> Scene:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,7 +25,7 @@ class SceneRobot:
     Attributes:
         name: its name in the scene.
         prefix: of all its elements in the compiled model, e.g. `sawyer/`.
-        robot: its kinematics, with the base where it is mounted.
+        robot: its kinematics, with the base where it stands as the scene begins.
         body_ids: all bodies that are its own, gripper included, and its guests.
         link_body_ids: for each link, the bodies that it carries.
         qpos_addresses, dof_addresses, actuator_ids: (n,) of its variables, in the robot's order.
@@ -36,6 +36,7 @@ class SceneRobot:
         site_ids: ids of its tools' sites, by the tools' names.
         guest_ids: bodies of others that its links carry: of an object fixed to its hand, of a robot on its flange.
         joint_qpos_addresses, joint_dof_addresses: (m,) of all its joints, those that follow included; empty: n = m.
+        riders: (address in qpos, value) of its guests' joints as the scene begins.
     """
 
     name: str
@@ -54,11 +55,39 @@ class SceneRobot:
     base_body: int = 0
     site_ids: Mapping[str, int] = field(default_factory=dict)
     guest_ids: frozenset[int] = frozenset()
+    riders: tuple[tuple[int, float], ...] = ()
 
     @property
     def own_ids(self) -> frozenset[int]:
         """Its own bodies, gripper included, without guests."""
         return self.body_ids - self.guest_ids
+
+    @property
+    def hand_ids(self) -> frozenset[int]:
+        """Its own bodies that the tool's link carries: what may touch an object in the hand."""
+        return self.own_ids.intersection(self.link_body_ids[self.robot.tool().link])
+
+    def has_moving_base(self, model: mujoco.MjModel) -> bool:
+        """Whether a joint that is not its own moves its base: a carriage's, a lift's, another robot's."""
+        return int(model.body_weldid[model.body_parentid[self.base_body]]) != 0
+
+    def standing(self, model: mujoco.MjModel, qpos: ArrayLike) -> SceneRobot:
+        """The same robot with its base, and the joints of its guests, where raw positions (nq,) have them.
+
+        The robot itself where nothing of that is different.
+        """
+        values, found = np.asarray(qpos, dtype=float), self
+        riders = tuple((address, float(values[address])) for address, _ in self.riders)
+        if riders != self.riders:
+            found = replace(found, riders=riders)
+        if not self.has_moving_base(model):
+            return found
+        below = body_pose(model, int(model.body_parentid[self.base_body]), values)
+        base = below @ Pose(model.body_pos[self.base_body], model.body_quat[self.base_body])
+        here = self.robot.T_world_base
+        if np.array_equal(base.matrix, here.matrix):
+            return found
+        return replace(found, robot=replace(self.robot, T_world_base=base))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "start", read_only(self.start))
@@ -76,7 +105,10 @@ class SceneRobot:
 
 @dataclass(frozen=True, slots=True)
 class SceneObject:
-    """A thing that a task handles; `qpos_address` of its free joint is None when it is fixed."""
+    """A thing that a task handles; `qpos_address` of its free joint is None when it is fixed.
+
+    Its bodies are those of its own file, and those of what is fixed to it.
+    """
 
     name: str
     body_id: int

@@ -24,12 +24,16 @@ _START_TOLERANCE = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Where one arm should be at every control step: (T, n) joints, (T, 4, 4) tool poses; at rest after the last."""
+    """Where one arm should be at every control step: (T, n) joints, (T, 4, 4) tool poses; at rest after the last.
+
+    Tool poses are in the world, for a base at `base` (4, 4).
+    """
 
     q: Array
     qd: Array
     qdd: Array
     tools: Array
+    base: Array
 
     def at(self, k: int) -> tuple[Array, Array, Array, Array]:
         """Joint positions, velocities, accelerations (n,) and the tool's pose (4, 4) at step `k`."""
@@ -54,23 +58,21 @@ class Arm:
         reference: (n,) where its joints should be now.
         worst: largest errors and torques since the last logged row.
         saturated: whether a joint was at its effort limit in the last step.
+        rides: whether its base can move: on a carriage, a lift, another robot.
     """
 
     def __init__(
         self, scene: Scene, robot: SceneRobot, model: mujoco.MjModel, controller: Controller
     ) -> None:
-        import mujoco
-
         self.robot, self.controller = robot, controller
         self.hand = Hand.of(model, robot)
         self.reference: Array = np.array(robot.start)
         self.worst = Worst()
         self.saturated = False
         self._where = scene.path
-        name = robot.prefix + robot.robot.tool().name
-        self._site = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name))
-        if self._site < 0:
-            raise ModelError(f"the model has no site {name!r}", where=scene.path)
+        self._site = robot.site_ids[robot.robot.tool().name]
+        self._model = model
+        self.rides = robot.has_moving_base(model)
 
     @property
     def name(self) -> str:
@@ -94,12 +96,38 @@ class Arm:
         """`T_world_tool` now."""
         return Pose.from_matrix(self.tool_matrix(data))
 
-    def still(self) -> Reference:
+    def base_matrix(self, data: mujoco.MjData) -> Array:
+        """(4, 4) world pose of its base now."""
+        base: Array = self.robot.robot.T_world_base.matrix
+        if not self.rides:
+            return base
+        body = self.robot.base_body
+        below = int(self._model.body_parentid[body])
+        offset = Pose(self._model.body_pos[body], self._model.body_quat[body])
+        now: Array = (Pose(data.xpos[below], data.xquat[below]) @ offset).matrix
+        return now
+
+    def wanted_tool(self, data: mujoco.MjData, reference: Reference, k: int) -> Array:
+        """(4, 4) where its tool should be at step `k`, on its base as that stands now."""
+        tool = reference.at(k)[3]
+        if not self.rides:
+            return tool
+        moved: Array = self.base_matrix(data) @ np.linalg.inv(reference.base) @ tool
+        return moved
+
+    def still(self, data: mujoco.MjData) -> Reference:
         """Stay where the reference stands."""
         q = self.reference[None]
-        return Reference(q, np.zeros_like(q), np.zeros_like(q), self.robot.robot.fk_transform(q))
+        return self._reference(data, q, np.zeros_like(q), np.zeros_like(q))
 
-    def follow(self, trajectory: Trajectory, timestep: float) -> Reference:
+    def _reference(self, data: mujoco.MjData, q: Array, qd: Array, qdd: Array) -> Reference:
+        chain, base = self.robot.robot, self.base_matrix(data)
+        tools = chain.fk_transform(q)
+        if self.rides:
+            tools = base @ np.linalg.inv(chain.T_world_base.matrix) @ tools
+        return Reference(q, qd, qdd, tools, base)
+
+    def follow(self, trajectory: Trajectory, timestep: float, data: mujoco.MjData) -> Reference:
         """What `execute` tracks; raises InputError for a trajectory that doesn't fit."""
         if abs(trajectory.dt - timestep) > 1e-9:
             raise InputError(
@@ -112,7 +140,7 @@ class Arm:
         gap = float(np.abs(trajectory.q[0] - self.reference).max())
         if gap > _START_TOLERANCE:
             raise InputError(f"the trajectory begins {gap:.3g} rad away from the robot", where="trajectory")
-        return Reference(*discrete_reference(trajectory), self.robot.robot.fk_transform(trajectory.q))
+        return self._reference(data, *discrete_reference(trajectory))
 
     def drive(
         self, data: mujoco.MjData, qpos: Array, wanted: tuple[Array, Array, Array, Array]

@@ -26,7 +26,7 @@ class Hand:
         actuator: its id; `closed` and `open` are its control values.
         fingers: for each finger, the bodies that move with it.
         joints: addresses in qvel of the fingers' joints.
-        bodies: everything that the tool's link carries: what may touch a held object.
+        bodies: all of the robot's own that the tool's link carries: what may touch a held object.
     """
 
     actuator: int
@@ -43,7 +43,7 @@ class Hand:
             return None
         actuator = model.actuator(robot.gripper).id
         low, high = model.actuator_ctrlrange[actuator]
-        carried = frozenset(robot.link_body_ids[robot.robot.tool().link])
+        carried = robot.hand_ids
         arm = {int(dof) for dof in robot.dof_addresses}
         roots = [
             body

@@ -138,7 +138,7 @@ class Simulation(Stepper):
         references = self._still()
         for trajectory in motions:
             one = self.arm(trajectory.robot_name if len(self.arms) > 1 else None)
-            references[one.name] = one.follow(trajectory, self.timestep)
+            references[one.name] = one.follow(trajectory, self.timestep, self.data)
         if self.stop is not None:
             return False
         steps = max(len(trajectory) for trajectory in motions)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workcell.model.loading.actuators import actuator_targets
 from workcell.model.scene import Scene
 from workcell.model.scene_parts import SceneRobot
 from workcell.pose import Array
@@ -76,6 +77,7 @@ class Stepper:
             name: self._make_arm(one, controller, imperfections) for name, one in scene.robots.items()
         }
         self._watch = Watch(scene, tuple(scene.robots.values()), self.model, self.data)
+        self._hold_what_is_placed()
         self._on_chunk = on_chunk
         self._dofs = [arm.robot.robot.dof for arm in self.arms.values()]
         self._rows = Rows(sum(self._dofs), len(self.arms), self.model.nq)
@@ -83,6 +85,22 @@ class Stepper:
         self._seen: set[tuple[str, str]] = set()
         self.stop: Stop | None = None
         mujoco.mj_forward(self.model, self.data)
+
+    def _hold_what_is_placed(self) -> None:
+        """Servos of the cell whose joints begin elsewhere than the model has them hold them there."""
+        if not self.scene.placed:
+            return
+        self._mujoco.mj_forward(self.model, self.data)
+        placed = np.isin(self.model.jnt_qposadr, [address for address, _ in self.scene.placed])
+        bodies = set(self.model.jnt_bodyid[placed].tolist())
+        for actuator in self.scene.actuators().values():
+            servo = self.model.actuator_biasprm[actuator, 1] < 0  # it pulls back from its length
+            if servo and bodies.intersection(actuator_targets(self.model, actuator)):
+                pull = -self.model.actuator_biasprm[actuator, 1] * self.data.actuator_length[actuator]
+                held = pull / self.model.actuator_gainprm[actuator, 0]
+                low, high = self.model.actuator_ctrlrange[actuator]
+                limited = self.model.actuator_ctrllimited[actuator]
+                self.data.ctrl[actuator] = np.clip(held, low, high) if limited else held
 
     def _make_arm(self, robot: SceneRobot, controller: str, imperfections: Imperfections | None) -> Arm:
         driver = make_controller(
@@ -132,7 +150,7 @@ class Stepper:
     # ---- one control step ---------------------------------------------------------------------------------------
 
     def _still(self) -> dict[str, Reference]:
-        return {name: arm.still() for name, arm in self.arms.items()}
+        return {name: arm.still(self.data) for name, arm in self.arms.items()}
 
     def _run(self, references: dict[str, Reference], steps: int) -> bool:
         with captured_warnings() as warnings:
@@ -166,7 +184,7 @@ class Stepper:
                 self.log(f"{self._whose(arm)}a joint is at its effort limit", "WARN")
         self._mujoco.mj_step(self.model, data)
         for name, arm in self.arms.items():
-            arm.worst.update(arm.tool_matrix(data), references[name].at(k)[3], torques[name])
+            arm.worst.update(arm.tool_matrix(data), arm.wanted_tool(data, references[name], k), torques[name])
         self._measure_strain()
         self._guard(now, warnings)
         step = round(now / self.timestep)

@@ -157,8 +157,7 @@ class Watch:
         if left is not None:
             still = any(held.thing is left.thing for held in self.held.values())
             self._rules.watch(left.thing, carried=still)
-            hand = self._scene.robot(robot)
-            geoms = self.geoms(hand.link_body_ids[hand.robot.tool().link])
+            geoms = self.geoms(self._scene.robot(robot).hand_ids)
             self._until_parted[robot, left.thing.name] = _pairs(geoms, self.geoms(left.thing.body_ids))
             self._rebuild()
 

@@ -138,9 +138,15 @@ class PlanningWorld:
         """The same world as if some other robots were not there: for arms whose motions are proved together.
 
         Raises:
-            UnknownNameError: no such robot.
+            UnknownNameError: no such robot; InputError: one that this one carries, which moves with it.
         """
-        others = frozenset[int]().union(*(self.scene.robot(name).body_ids for name in robots))
+        gone = [self.scene.robot(name) for name in robots]
+        for other in gone:
+            if other.own_ids & self.robot.guest_ids:
+                raise InputError(
+                    f"{self.robot.name} carries {other.name}", where="robots", remedy="it can't be left out"
+                )
+        others = frozenset[int]().union(*(other.body_ids for other in gone)) - self.robot.body_ids
         body_of = self.scene.model.geom_bodyid
         return replace(
             self,

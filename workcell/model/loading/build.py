@@ -198,6 +198,7 @@ def scene_robot(
         guest_ids=guests,
         joint_qpos_addresses=np.array([model.jnt_qposadr[j] for j in joints]),
         joint_dof_addresses=np.array([model.jnt_dofadr[j] for j in joints]),
+        riders=_riders(model, guests),
     )
 
 
@@ -230,6 +231,18 @@ def settled_joints(model: mujoco.MjModel, robots: Iterable[SceneRobot]) -> tuple
     return tuple((int(model.jnt_qposadr[j]), after[j]) for j in others if after[j] != before[j])
 
 
+def _riders(model: mujoco.MjModel, guests: frozenset[int]) -> tuple[tuple[int, float], ...]:
+    """(address in qpos, value in `qpos0`) of all joints of some bodies."""
+    sizes = {0: 7, 1: 4}  # MuJoCo's free and ball joints; hinges and slides have one value
+    joints = [joint for body in sorted(guests) for joint in joints_of(model, body)]
+    addresses = [
+        int(model.jnt_qposadr[joint]) + k
+        for joint in joints
+        for k in range(sizes.get(int(model.jnt_type[joint]), 1))
+    ]
+    return tuple((address, float(model.qpos0[address])) for address in addresses)
+
+
 def _gripper_actuator(model: mujoco.MjModel, bodies: frozenset[int], joints: tuple[int, ...]) -> str | None:
     """The name of the actuator `gripper` of some bodies that drives none of the joints."""
     driving = {actuator_of_joint(model, joint) for joint in joints}
@@ -244,7 +257,7 @@ def scene_object(model: mujoco.MjModel, entry: ObjectEntry, mine: Members) -> Sc
     """Where an object of the task lives in the compiled model."""
     root = mine.roots[0]
     address = None if entry.fixed else int(model.jnt_qposadr[model.body_jntadr[root]])
-    return SceneObject(entry.name, root, mine.own, address)
+    return SceneObject(entry.name, root, mine.own | mine.guests, address)
 
 
 def obstacles_of(

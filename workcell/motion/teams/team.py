@@ -75,10 +75,18 @@ class Team:
             seed: of the free space's random seeds.
 
         Raises:
-            InputError: fewer than two arms; UnknownNameError: no such robot or object.
+            InputError: fewer than two arms, or one that stands on another; UnknownNameError: no such robot or object.
         """
         if len(grasps) < 2:
             raise InputError(f"a team of {len(grasps)}", where="grasps", remedy="two arms or more")
+        for name in grasps:
+            for other in grasps:
+                if scene.robot(name).guest_ids & scene.robot(other).own_ids:
+                    raise InputError(
+                        f"{other} stands on {name}: when one moves, so does the other",
+                        where="grasps",
+                        remedy="a team's arms stand apart from each other",
+                    )
         worlds = {}
         for name, grasp in grasps.items():
             world = PlanningWorld.of(scene, name, overshoot=overshoot, approached=[thing], seed=seed)
@@ -264,7 +272,7 @@ def _models(
     """For each arm, the distances that count: none from the hands, or what the object stands on, to the object."""
     scene = next(iter(worlds.values())).scene
     robots = [scene.robot(name) for name in worlds]
-    hands = [body for robot in robots for body in robot.link_body_ids[robot.robot.tool().link]]
+    hands = [body for robot in robots for body in sorted(robot.hand_ids)]
     below = geoms_called(scene.model, supports, "supports")
     allowed = list(product(_geoms(scene, scene.object(thing).body_ids), _geoms(scene, hands) + below))
     return tuple(

@@ -128,8 +128,15 @@ class SceneLog:
     ) -> Track:
         """A frame fixed to a link, expressed in a body that the link carries."""
         assert self._poses is not None
-        T_world_link = Pose.from_matrix(robot.robot.link_transforms(qpos[robot.qpos_addresses])[link])
+        here = robot.standing(self._poses.model, qpos).robot
+        T_world_link = Pose.from_matrix(here.link_transforms(qpos[robot.qpos_addresses])[link])
         return Track(path, body, self._poses.pose(body, qpos).inverse() @ T_world_link @ offset)
+
+    def _rigid(self, robot: SceneRobot, link: int) -> list[int]:
+        """The bodies that are fixed to a link, not those that joints of a hand move on it."""
+        assert self._poses is not None
+        weld, bodies = self._poses.model.body_weldid, robot.link_body_ids[link]
+        return [body for body in bodies if weld[body] == weld[bodies[0]]]
 
     def log_cover(self, robot: SceneRobot, cover: SphereCover, qpos: ArrayLike | None = None) -> None:
         """The robot's spheres, link by link. A second cover of the same links takes the place of the first.
@@ -143,7 +150,7 @@ class SceneLog:
         assert self._poses is not None
         reference = self._poses.qpos0 if qpos is None else np.asarray(qpos, dtype=float)
         for link in np.unique(cover.link):
-            body = next((b for b in robot.link_body_ids[link] if b in self._carriers), None)
+            body = next((b for b in self._rigid(robot, int(link)) if b in self._carriers), None)
             if body is None:
                 continue  # a link without anything to see has nothing to cover
             T_body_link = self._link_track(

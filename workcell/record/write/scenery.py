@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from workcell.model.labels import body_name
 from workcell.pose import Array
 from workcell.record.shapes import Shape, body_shapes, has_visuals
 from workcell.record.write.rrd import entity, rerun
@@ -36,9 +37,10 @@ class Layer:
 def owners_of_bodies(scene: Scene) -> dict[int, str]:
     """`robots/<name>` or `objects/<name>` for each body that belongs to one."""
     owners: dict[int, str] = {}
-    for kind, things in (("robots", scene.robots), ("objects", scene.objects)):
-        for name, thing in things.items():
-            owners |= {body: f"{kind}/{entity(name)}" for body in thing.body_ids}
+    for name, robot in scene.robots.items():
+        owners |= {body: f"robots/{entity(name)}" for body in robot.own_ids}
+    for name, thing in scene.objects.items():
+        owners |= {body: f"objects/{entity(name)}" for body in thing.body_ids}
     return owners
 
 
@@ -49,6 +51,7 @@ def layers(model: mujoco.MjModel, owners: Mapping[int, str]) -> Iterator[Layer]:
     have visuals: there it is the inside of what one sees.
     """
     dressed = {owners.get(body) for body in range(model.nbody) if has_visuals(model, body)} - {None}
+    taken: set[tuple[str | None, str]] = set()
     for body in range(model.nbody):
         moves = int(model.body_weldid[body]) != 0
         visual, collision = body_shapes(model, body)
@@ -56,6 +59,9 @@ def layers(model: mujoco.MjModel, owners: Mapping[int, str]) -> Iterator[Layer]:
         if owner in dressed and not has_visuals(model, body):
             visual, collision = [], visual
         name = _body_name(model, body, owner)
+        while (owner, name) in taken:  # two bodies of one name, apart from what is cut off, are drawn both
+            name = f"{name}_{body}"
+        taken.add((owner, name))
         above = f"world/obstacles/{name}" if owner is None else f"world/{owner}/visual/{name}"
         below = f"world/obstacles/{name}/collision" if owner is None else f"world/{owner}/collision/{name}"
         if visual or collision:
@@ -66,8 +72,9 @@ def layers(model: mujoco.MjModel, owners: Mapping[int, str]) -> Iterator[Layer]:
 
 def _body_name(model: mujoco.MjModel, body: int, owner: str | None) -> str:
     """The body's name without its owner's prefix: `sawyer/gripper/left_finger` is `gripper.left_finger`."""
-    parts = (model.body(body).name or f"body{body}").split("/")
-    return entity(".".join(parts[1:] if owner is not None and len(parts) > 1 else parts))
+    parts = body_name(model, body).split("/")
+    prefixed = owner is not None and len(parts) > 1 and owner.partition("/")[2] == entity(parts[0])
+    return entity(".".join(parts[1:] if prefixed else parts))
 
 
 def _distinct(shapes: list[Shape]) -> Iterator[Shape]:

@@ -50,20 +50,20 @@ class BodyPoses:
     def __init__(self, model: mujoco.MjModel) -> None:
         import mujoco
 
-        self._model, self._data, self._kinematics = model, mujoco.MjData(model), mujoco.mj_kinematics
+        self.model, self._data, self._kinematics = model, mujoco.MjData(model), mujoco.mj_kinematics
 
     @property
     def qpos0(self) -> Array:
         """The model's reference positions (nq,)."""
-        return np.array(self._model.qpos0)
+        return np.array(self.model.qpos0)
 
     def __call__(self, qpos: Array) -> tuple[Array, Array]:
         """Positions (T, nbody, 3) and quaternions wxyz (T, nbody, 4) at `qpos` (T, nq)."""
-        positions = np.empty((len(qpos), self._model.nbody, 3))
-        quats = np.empty((len(qpos), self._model.nbody, 4))
+        positions = np.empty((len(qpos), self.model.nbody, 3))
+        quats = np.empty((len(qpos), self.model.nbody, 4))
         for k, row in enumerate(qpos):
             self._data.qpos[:] = row
-            self._kinematics(self._model, self._data)
+            self._kinematics(self.model, self._data)
             positions[k], quats[k] = self._data.xpos, self._data.xquat
         return positions, quats
 

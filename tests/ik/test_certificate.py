@@ -15,7 +15,8 @@ from workcell.geometry.types import FreeSpace
 from workcell.ik.branch.checker.check import scope_of
 from workcell.ik.certificate import Certificate, Grounds, Scope, problem_hash, proof_scope
 from workcell.ik.check import check_certificate
-from workcell.ik.ikspark.bound import Chain, Multipliers, Sum, upper_bound
+from workcell.ik.claims.chain import Chain
+from workcell.ik.ikspark.bound import Multipliers, Sum, upper_bound
 from workcell.ik.ikspark.check import check_farkas, margin
 from workcell.ik.ikspark.cuboids import CuboidSet, reachable_pairs, sphere_maps
 from workcell.ik.ikspark.instance import instance_of, relaxation_of

@@ -21,6 +21,7 @@ from workcell.pose import Array, Pose, read_only
 
 FORMAT = "workcell-certificate/1"
 MOST_DIMENSIONS = 4
+LONGEST_SIDE = 1 << 31
 
 Scope = Literal["kinematics", "geometry", "model"]
 """What a proof is about: the kinematics alone (UNREACHABLE), the true geometry (BLOCKED), the conservative model."""
@@ -115,7 +116,7 @@ def _array(entry: Any, where: str) -> Array:
     )
     if not isinstance(shape, list) or not isinstance(values, list) or len(shape) > MOST_DIMENSIONS:
         raise InputError('damaged: needs "shape" and as many "values"', where=where)
-    if any(type(size) is not int or not 0 <= size <= len(values) for size in shape):
+    if any(type(size) is not int or not 0 <= size <= LONGEST_SIDE for size in shape):
         raise InputError('damaged: "shape" holds what is no size of an array', where=where)
     if math.prod(shape) != len(values):
         raise InputError(f"damaged: {len(values)} values do not fit into {shape}", where=where)

@@ -230,7 +230,8 @@ PROOFS: Mapping[str, ProofEntry] = MappingProxyType(
             obstacles="workcell.ik.branch.checker.check:obstacles_used",
             goals=ALL_GOALS,
         ),
-        "cidgik": ProofEntry(check="workcell.ik.cidgik.check:check_cidgik", goals=ALL_GOALS),
+        "cidgik": ProofEntry(check="workcell.ik.cidgik.check:old_cidgik", goals=ALL_GOALS),
+        "cidgik/2": ProofEntry(check="workcell.ik.cidgik.check:check_cidgik", goals=ALL_GOALS),
         "farkas": ProofEntry(check="workcell.ik.ikspark.check:old_farkas"),
         "farkas/2": ProofEntry(check="workcell.ik.ikspark.check:check_farkas"),
         "last_link": ProofEntry(

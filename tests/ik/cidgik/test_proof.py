@@ -10,6 +10,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
+from tests.ik.arms import beads
 from tests.ik.lifted_arms import parallel_elbow, seven_axis, skew_arm
 from workcell.bench.ik.cidgik_scaling import long_arm
 from workcell.bench.ik.cidgik_supplement import infeasible_problems
@@ -22,14 +23,17 @@ from workcell.bench.reference.cidgik_problems import (
     random_problems,
 )
 from workcell.bench.reference.closed_forms import parallel_arm
+from workcell.geometry.types import Piece
 from workcell.ik.certificate import Certificate, problem_hash
 from workcell.ik.check import check_certificate
 from workcell.ik.cidgik.check import check_cidgik
 from workcell.ik.cidgik.chordal import ChordalInstance, ChordalStructure
+from workcell.ik.cidgik.gram import Columns, Multipliers, Sum, margin
 from workcell.ik.cidgik.instance import Instance
 from workcell.ik.cidgik.model import relaxation_at
 from workcell.ik.cidgik.plain import relaxation
-from workcell.ik.cidgik.proof import Proof, margin, proof_of
+from workcell.ik.cidgik.proof import Proof, proof_of
+from workcell.ik.cidgik.proof import margin as proof_margin
 from workcell.ik.cidgik.query import check_query, solve_query
 from workcell.ik.cidgik.skeleton import Skeleton
 from workcell.ik.cidgik.solver import prove_cidgik, solve_cidgik
@@ -40,7 +44,7 @@ from workcell.ik.shared.conic import svec
 from workcell.ik.solve import solve
 from workcell.ik.trees.query import Balls, Goal, Points, Query, Workspace
 from workcell.model.robot import Robot
-from workcell.pose import Pose
+from workcell.pose import Pose, axis_angle_to_matrix
 
 NO_POINTS = (np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
 ARMS = [bench_arm("ur10"), off_centre(bench_arm("kuka")), seven_axis(), skew_arm(5, 5)]
@@ -189,30 +193,32 @@ def blocked_proof() -> tuple[IKProblem, Certificate]:
 @pytest.mark.parametrize(
     ("made", "part", "change", "because"),
     [
-        (far_proof, "S", np.negative, "is not positive semidefinite"),
-        (far_proof, "frames", np.negative, "is not positive semidefinite"),
-        (far_proof, "limits", np.negative, "multiplier of an inequality is negative"),
+        (far_proof, "limits", lambda limits: limits - 1e-300 - limits.max(), "multiplier of an inequality is negative"),
         (blocked_proof, "rows", np.negative, "multiplier of an inequality is negative"),
-        (far_proof, "S", lambda S: S[:-1], "damaged or of another relaxation"),
-        (far_proof, "equalities", lambda values: values[:-1], "damaged or of another relaxation"),
-        (far_proof, "limits", lambda values: np.append(values, 0.0), "damaged or of another relaxation"),
-        (far_proof, "frames", lambda frames: frames[1:], "damaged or of another relaxation"),
-        (far_proof, "keys", lambda keys: keys[:, :2], "damaged or of another relaxation"),
-        (far_proof, "keys", lambda keys: np.zeros((1, 3)), "damaged or of another relaxation"),
-        (far_proof, "S", lambda S: np.nan * S, "damaged or of another relaxation"),
-        (blocked_proof, "keys", lambda keys: keys + np.array([0, 0, 100]), "a row that the workspace does not have"),
-        (blocked_proof, "keys", lambda keys: keys + np.array([0, 100, 0]), "a row that the workspace does not have"),
-        (blocked_proof, "keys", lambda keys: keys + np.array([100, 0, 0]), "a row that the workspace does not have"),
-        (far_proof, "equalities", np.zeros_like, "do not prove the claim"),
-        (far_proof, "limits", np.zeros_like, "do not prove the claim"),
+        (far_proof, "S", lambda S: S[:-1], "'S' is of shape"),
+        (far_proof, "S", lambda S: np.hstack([S, S, S]), "more columns than rows"),
+        (far_proof, "facts", lambda values: values[:-1], "'facts' is of shape"),
+        (far_proof, "limits", lambda values: np.append(values, 0.0), "'limits' is of shape"),
+        (far_proof, "frames", lambda frames: frames[1:], "'frames' is of shape"),
+        (far_proof, "keys", lambda keys: keys[:, :1], "'keys' is of shape"),
+        (far_proof, "keys", lambda keys: np.zeros((1, 2)), "'rows' is of shape"),
+        (far_proof, "S", lambda S: np.nan * S, "not finite"),
+        (far_proof, "S", lambda S: 1e60 * S, "larger than"),
+        (blocked_proof, "keys", lambda keys: keys + np.array([0, 100]), "isn't there"),
+        (blocked_proof, "keys", lambda keys: keys + np.array([100, 0]), "isn't there"),
+        (blocked_proof, "keys", lambda keys: keys - np.array([100, 0]), "isn't there"),
+        (blocked_proof, "keys", lambda keys: keys + 0.5, "isn't there"),
+        (blocked_proof, "keys", lambda keys: 1e30 + keys, "isn't there"),
+        (far_proof, "facts", np.zeros_like, "do not prove the claim"),
         (far_proof, "S", np.zeros_like, "do not prove the claim"),
         (blocked_proof, "rows", np.zeros_like, "do not prove the claim"),
-        (far_proof, "tolerances", lambda _: np.array([1e-9, 1.0, 0.0]), "does not cover the problem's tolerances"),
-        (far_proof, "tolerances", lambda _: np.array([1.0, 1e-9, 0.0]), "does not cover the problem's tolerances"),
-        (far_proof, "tolerances", lambda _: np.array([1.0, 1.0, -1.0]), "does not cover the problem's tolerances"),
-        (far_proof, "tolerances", lambda _: np.array([10.0, 1.0, 0.0]), "do not prove the claim"),
-        (far_proof, "tolerances", lambda values: values[:2], "tolerances are missing or malformed"),
-        (far_proof, "tolerances", lambda values: np.nan * values, "tolerances are missing or malformed"),
+        (far_proof, "tolerances", lambda _: np.array([1e-9, 1.0, 0.0]), "narrower than those of the problem"),
+        (far_proof, "tolerances", lambda _: np.array([1.0, 1e-9, 0.0]), "narrower than those of the problem"),
+        (far_proof, "tolerances", lambda _: np.array([1.0, 1.0, -1.0]), "narrower than those of the problem"),
+        (far_proof, "tolerances", lambda _: np.array([10.0, 1.0, 0.0]), "exceed"),
+        (far_proof, "tolerances", lambda _: np.array([1.0, 1.0, 0.0]), "do not prove the claim"),
+        (far_proof, "tolerances", lambda values: values[:2], "'tolerances' is of shape"),
+        (far_proof, "tolerances", lambda values: np.nan * values, "not finite"),
     ],
 )  # fmt: skip
 def test_damaged_certificates_are_refused_for_what_is_wrong_with_them(
@@ -229,22 +235,94 @@ def test_damaged_certificates_are_refused_for_what_is_wrong_with_them(
 
 def test_incomplete_borrowed_and_overclaiming_certificates_are_refused() -> None:
     problem, certificate = far_proof()
-    for part in ("equalities", "limits", "keys", "rows", "S", "frames"):
+    for part in certificate.data:
         left = {name: values for name, values in certificate.data.items() if name != part}
-        assert "incomplete" in str(check_cidgik(problem, replace(certificate, data=left)))
-    without = {name: values for name, values in certificate.data.items() if name != "tolerances"}
-    assert "tolerances are missing" in str(check_cidgik(problem, replace(certificate, data=without)))
+        assert f"'{part}' is missing" in str(check_cidgik(problem, replace(certificate, data=left)))
+    more = {**certificate.data, "equalities": np.zeros(1)}
+    assert "'equalities' has no place" in str(check_cidgik(problem, replace(certificate, data=more)))
     assert "it is of kind 'reach'" in str(check_cidgik(problem, replace(certificate, kind="reach")))
     wider = replace(problem, tolerances=Tolerances(position=1.0))
     assert check_cidgik(wider, certificate) == "it belongs to another problem"
     claimed = replace(certificate, problem_hash=problem_hash(wider))
-    assert "does not cover the problem's tolerances" in str(check_cidgik(wider, claimed))
+    assert "narrower than those of the problem" in str(check_cidgik(wider, claimed))
     for scope in ("geometry", "model"):
         refusal = str(check_cidgik(problem, replace(certificate, scope=scope)))
-        assert refusal == f"its scope is '{scope}', but it proves something of 'kinematics'"
+        assert "of the scope 'kinematics'" in refusal
     blocked, proof = blocked_proof()
-    refusal = str(check_cidgik(blocked, replace(proof, scope="kinematics")))
-    assert refusal == "its scope is 'kinematics', but it proves something of 'geometry'"
+    assert "of the scope 'geometry'" in str(check_cidgik(blocked, replace(proof, scope="kinematics")))
+    assert "the margin is" in str(check_cidgik(problem, replace(certificate, margin=1.0)))
+    assert "the statement is not" in str(check_cidgik(problem, replace(certificate, statement="No way.")))
+    old = replace(certificate, kind="cidgik")
+    assert "ask cidgik again" in str(check_certificate(problem, old))
+
+
+def test_a_proof_is_worth_the_same_at_any_scale() -> None:
+    for problem, certificate in (far_proof(), blocked_proof()):
+        for size in (1e-12, 1e12):
+            data = {
+                name: values
+                * (1.0 if name in ("tolerances", "keys") else size ** (0.5 if name in ("S", "frames") else 1))
+                for name, values in certificate.data.items()
+            }
+            assert check_cidgik(problem, replace(certificate, data=data)) is None
+
+
+def any_multipliers(problem: IKProblem, rng: np.random.Generator) -> Multipliers:
+    """Numbers that no solver would think of."""
+    columns, n = Columns(problem), problem.robot.dof
+    u, count = columns.width, 2 * (problem.cover is not None)
+    size = 10.0 ** rng.uniform(-6, 6)
+    spheres = 1 if problem.cover is None else len(problem.cover)
+    keys = np.stack(
+        [rng.integers(0, spheres, count), rng.integers(0, max(len(problem.obstacles), 1), count)], axis=1
+    )
+    none, frames = np.zeros((0, 2), dtype=np.int64), rng.standard_normal((columns.links, 4, 4))
+    return Multipliers(
+        size * rng.standard_normal((n + 1 + (problem.goal == "axis"), u)),
+        size * rng.standard_normal((n, 2)),
+        size * rng.standard_normal((2, 3)),
+        size * np.abs(rng.standard_normal(n)),
+        keys,
+        size * np.abs(rng.standard_normal(count)),
+        none,
+        np.zeros(0),
+        rng.standard_normal((u, int(rng.integers(0, u)))),
+        frames,
+    )
+
+
+@pytest.mark.parametrize("goal", ["pose", "position", "axis"])
+@pytest.mark.parametrize("robot", ARMS, ids=lambda robot: f"{robot.name}{robot.dof}")
+def test_the_bound_lies_above_every_configuration_that_reaches_within_the_tolerances(
+    robot: Robot, goal: str
+) -> None:
+    """F at configurations whose tool is anywhere in the ball: not below its charge, and never above the bound."""
+    rng, covered = np.random.default_rng(robot.dof), np.array([5e-3, 5e-2, 1e-3])
+    cover = beads(robot, 0.04)
+    for _ in range(20):
+        q = robot.random_configuration(rng)
+        T, (direction, axis) = robot.fk(q), rng.standard_normal((2, 3))
+        shift = covered[0] * direction / np.linalg.norm(direction)
+        turn = axis_angle_to_matrix(axis / np.linalg.norm(axis), covered[1])
+        centres = cover.centres_world(robot.link_transforms(q))
+        away = rng.standard_normal((2, 3)) * 3
+        gaps = np.linalg.norm(centres[:, None] - away, axis=2).min(axis=0) - 0.04 + 1e-3
+        balls = tuple(
+            Piece(f"ball {k}", "sphere", Pose.from_xyz(away[k]), np.array([gaps[k]]))
+            for k in range(2)
+            if gaps[k] > 0
+        )
+        target = Pose.from_rotation(T.position + shift, turn @ T.rotation)
+        problem = IKProblem(robot, target, balls, cover if len(balls) == 2 else None, goal=goal)
+        m = any_multipliers(problem, rng)
+        total = Sum(problem, m, covered)
+        R = robot.link_transforms(q)[:, :3, :3]
+        R = R[0].T @ R
+        X = np.hstack([*R[1 : total.columns.links + 1], np.eye(3)])
+        at_q = total.constant + float(np.sum(total.H * (X.T @ X)))
+        assert at_q >= -total.charge - 1e-9 * m.size()
+        assert at_q <= total.value() + 1e-9 * m.size()
+        assert margin(problem, m, covered) <= 0.0
 
 
 def test_what_is_possible_is_never_proved_impossible() -> None:
@@ -288,7 +366,7 @@ def test_no_multipliers_prove_a_reachable_pose_impossible(robot: Robot) -> None:
         proofs.append(proof)
     for proof in proofs:
         for tolerance in (0.0, 1e-3):
-            assert margin(instance, None, proof, tolerance, tolerance, 0.0) <= 0.0
+            assert proof_margin(instance, None, proof, tolerance, tolerance, 0.0) <= 0.0
 
 
 def test_a_proof_covers_the_tolerance_it_names() -> None:
@@ -304,7 +382,7 @@ def test_a_proof_covers_the_tolerance_it_names() -> None:
             continue
         proof = proof_of(instance, None, solution.z)
         assert proof is not None
-        assert margin(instance, None, proof, distance, 0.0, 0.0) <= 0.0
+        assert proof_margin(instance, None, proof, distance, 0.0, 0.0) <= 0.0
 
 
 def test_poses_whose_solutions_all_collide() -> None:
@@ -321,7 +399,7 @@ def test_poses_whose_solutions_all_collide() -> None:
     assert result.certificate is not None and check_certificate(blocked, result.certificate) is None
     without = replace(blocked, obstacles=())
     smaller = replace(blocked, obstacles=tuple(replace(o, size=0.8 * o.size) for o in blocked.obstacles))
-    for other, because in ((without, "a row that the workspace does not have"), (smaller, "do not prove")):
+    for other, because in ((without, "isn't there"), (smaller, "do not prove")):
         assert check_certificate(other, result.certificate) == "it belongs to another problem"
         claimed = replace(result.certificate, problem_hash=problem_hash(other))
         assert because in str(check_certificate(other, claimed))

@@ -87,6 +87,7 @@ class Reduction:
         directions: by link, its basis directions as `Vectors` (s, ...).
         origins: by link, its origin as a single `Vectors`.
         like: any `Vectors`, for their widths.
+        chosen: (r,) which of all links' directions and origins, in this order, the basis is.
         exact: whether what is written in terms of others is so but for rounding; where axes are nearly parallel, or
             nearly meet, vectors may depend on each other nearly. That is good enough to search with, not for proofs.
     """
@@ -101,9 +102,9 @@ class Reduction:
         unknown = np.swapaxes(self._values(T), 1, 2).reshape(len(q) * d, -1)
         goals = np.swapaxes(_goal_columns_of(skeleton, T), 1, 2).reshape(len(q) * d, -1)
         known = np.hstack([np.tile(np.eye(d), (len(q), 1)), goals])
-        self._chosen, coefficients, error = _independent(unknown, known)
+        self.chosen, coefficients, error = _independent(unknown, known)
         self.exact = error < _EXACT
-        self.rank = len(self._chosen)
+        self.rank = len(self.chosen)
         alpha, rest = coefficients[: self.rank].T, coefficients[self.rank :].T
         self.like = Vectors(alpha, rest[:, :d], rest[:, d:])
         bounds = list(pairwise(starts.tolist()))
@@ -120,7 +121,7 @@ class Reduction:
 
     def basis_at(self, q: Array) -> Array:
         """X (r, d) of a configuration (n,)."""
-        values: Array = self._values(_base_transforms(self.skeleton, q[None]))[0][self._chosen]
+        values: Array = self._values(_base_transforms(self.skeleton, q[None]))[0][self.chosen]
         return values
 
     def direction(self, link: int, vector: Array) -> Vectors:
@@ -147,7 +148,7 @@ class Reduction:
         for joint in range(robot.dof):
             reach[joint + 1] = reach[int(robot.parents[joint])] + np.linalg.norm(robot.joint_xyz[joint])
         lengths = np.concatenate([np.ones(self._directions_end), reach[list(self.links)]])
-        chosen: Array = lengths[self._chosen]
+        chosen: Array = lengths[self.chosen]
         return chosen
 
 

@@ -167,7 +167,7 @@ class FrameRows:
 
     Attributes:
         turned: frames with a known axis: a, b and z of each.
-        free: the others, three directions each.
+        free: the others, three directions each; `free_links` says of which links.
     """
 
     def __init__(self, reduction: Reduction) -> None:
@@ -175,6 +175,7 @@ class FrameRows:
         self.dimension = skeleton.dimension
         turned: list[tuple[Vectors, Vectors, Vectors]] = []
         self.free: list[Vectors] = []
+        self.free_links: list[int] = []
         for link in sorted((skeleton.framed - skeleton.known) & set(reduction.links)):
             frame = reduction.directions[link]
             if self.dimension == 2:
@@ -183,6 +184,7 @@ class FrameRows:
             axis = self._known_axis(reduction, link)
             if axis is None:
                 self.free.append(frame)
+                self.free_links.append(link)
             else:
                 side = frame_about(axis)
                 turned.append(tuple(reduction.direction(link, side[:, i]) for i in (1, 2, 0)))  # type: ignore[arg-type]

@@ -26,7 +26,7 @@ import numpy as np
 
 from workcell.errors import InputError
 from workcell.ik.certificate import Certificate
-from workcell.ik.cidgik.check import certify
+from workcell.ik.cidgik.certify import certify
 from workcell.ik.cidgik.finish import polish_query
 from workcell.ik.cidgik.model import fastest_relaxation_at, goal_of, relaxation_at, sorted_obstacles
 from workcell.ik.cidgik.proof import Proof

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from workcell.ik.certificate import Certificate, problem_hash, proof_scope
-from workcell.ik.claims import overclaims, whole_numbers, wrong_form, wrong_tolerances
+from workcell.ik.claims.form import overclaims, whole_numbers, wrong_form, wrong_tolerances
 from workcell.ik.elementary.bounds import Depth, ReachBound, last_link_statement, reach_statement
 from workcell.ik.problem import IKProblem
 

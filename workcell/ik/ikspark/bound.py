@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.ik.problem import IKProblem
-from workcell.model.robot import LIMIT_SLACK
+from workcell.ik.claims.chain import Chain, quaternion_forms, skew
 from workcell.pose import Array, Pose
 
 ROUNDING = 1e-9
@@ -26,8 +25,6 @@ All terms of F are products of a multiplier, lengths up to `LONGEST` and entries
 `MOST_JOINTS` rotations errs by less than 16 u each, u = 2^-53, and sums have fewer than 400 terms: together below
 16 * 64 u + 400 u < 2e-13 of the terms' sizes, which add up to less than (8 + LONGEST) sqrt(3 * MOST_JOINTS) < 810.
 """
-LONGEST = 50.0
-MOST_JOINTS = 64
 _SQRT2 = math.sqrt(2.0) * (1.0 + 1e-15)
 
 
@@ -81,74 +78,6 @@ class Multipliers:
     def length(self) -> float:
         """Euclidean length of all that is multiplied."""
         return math.sqrt(math.fsum(float(np.sum(part * part)) for part in self.parts()))
-
-
-@dataclass(frozen=True, slots=True)
-class Chain:
-    """A problem's chain in the base's frame, and the target.
-
-    Attributes:
-        xyz, axis, along: (n, 3) offsets, axes in the links they move, the same in the links before.
-        turn: (n, 3, 3) the joints' rotations.
-        middle, half: (n,) of the joints' intervals; half with the slack, at most pi.
-        across, turned: (n, 3) e_k in the link that joint k moves, and J u_k in the link before.
-        tool: (3,) tool point in the last link.
-        position, last: (3,) and (3, 3), target point and rotation of the last link there.
-    """
-
-    xyz: Array
-    axis: Array
-    along: Array
-    turn: Array
-    middle: Array
-    half: Array
-    across: Array
-    turned: Array
-    tool: Array
-    position: Array
-    last: Array
-
-    @staticmethod
-    def of(problem: IKProblem) -> Chain:
-        """The chain of a problem's serial robot, all of its joints turning."""
-        robot = problem.robot
-        frame, goal = robot.tool().T_link_tool, problem.T_base_tool
-        axis = robot.axis / np.linalg.norm(robot.axis, axis=1)[:, None]
-        lower, upper = robot.lower, robot.upper
-        if problem.max_step is not None and problem.q_reference is not None:
-            lower = np.maximum(lower, problem.q_reference - problem.max_step)
-            upper = np.minimum(upper, problem.q_reference + problem.max_step)
-        middle, half = 0.5 * (lower + upper), np.minimum(0.5 * (upper - lower) + LIMIT_SLACK, np.pi)
-        helper = np.eye(3)[np.argmin(np.abs(axis), axis=1)]
-        across = np.cross(helper, axis)
-        across /= np.linalg.norm(across, axis=1)[:, None]
-        side = np.cross(axis, across)
-        moved = np.cos(middle)[:, None] * across + np.sin(middle)[:, None] * side
-        turn = robot.joint_rotation
-        return Chain(
-            robot.joint_xyz,
-            axis,
-            (turn @ axis[:, :, None])[..., 0],
-            turn,
-            middle,
-            half,
-            across,
-            (turn @ moved[:, :, None])[..., 0],
-            frame.position,
-            goal.position,
-            goal.rotation @ frame.rotation.T,
-        )
-
-    @property
-    def joints(self) -> int:
-        """n."""
-        return len(self.xyz)
-
-    @property
-    def length(self) -> float:
-        """Metres that all offsets have together, the target's distance included."""
-        lengths = np.linalg.norm(np.vstack([self.xyz, self.tool, self.position]), axis=1)
-        return float(lengths.sum())
 
 
 class Sum:
@@ -235,25 +164,6 @@ def _disc(M: Array, d: Array, chord: float, middle: float, sign: float) -> float
     c = float(np.trace(M)) - fixed + chord * math.cos(middle)
     s = sign * float(np.sum(M * skew(d))) + chord * math.sin(middle)
     return fixed + math.hypot(c, s)
-
-
-def skew(d: Array) -> Array:
-    """[d], the matrix (3, 3) of the cross product with d."""
-    return np.array([[0.0, -d[2], d[1]], [d[2], 0.0, -d[0]], [-d[1], d[0], 0.0]])
-
-
-def quaternion_forms(N: Array) -> Array:
-    """(m, 4, 4) K with `<N, R> = q^T K q` for the unit quaternion q (wxyz) of any R; N (m, 3, 3)."""
-    K = np.empty((len(N), 4, 4))
-    a, b, c = N[:, 0, 0], N[:, 1, 1], N[:, 2, 2]
-    K[:, 0, 0], K[:, 1, 1], K[:, 2, 2], K[:, 3, 3] = a + b + c, a - b - c, b - a - c, c - a - b
-    K[:, 0, 1] = K[:, 1, 0] = N[:, 2, 1] - N[:, 1, 2]
-    K[:, 0, 2] = K[:, 2, 0] = N[:, 0, 2] - N[:, 2, 0]
-    K[:, 0, 3] = K[:, 3, 0] = N[:, 1, 0] - N[:, 0, 1]
-    K[:, 1, 2] = K[:, 2, 1] = N[:, 0, 1] + N[:, 1, 0]
-    K[:, 1, 3] = K[:, 3, 1] = N[:, 0, 2] + N[:, 2, 0]
-    K[:, 2, 3] = K[:, 3, 2] = N[:, 1, 2] + N[:, 2, 1]
-    return K
 
 
 def largest_eigenvalue(K: Array) -> float:

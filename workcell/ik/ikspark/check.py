@@ -5,16 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from workcell.ik.certificate import Certificate, Scope, problem_hash, proof_scope
-from workcell.ik.claims import Shape, overclaims, whole_numbers, wrong_form, wrong_tolerances
-from workcell.ik.ikspark.bound import (
-    LONGEST,
-    MOST_JOINTS,
-    ROUNDING,
-    Chain,
-    Multipliers,
-    Sum,
-    upper_bound,
-)
+from workcell.ik.claims.chain import Chain, unsuited
+from workcell.ik.claims.form import Shape, overclaims, whole_numbers, wrong_form, wrong_tolerances
+from workcell.ik.ikspark.bound import ROUNDING, Multipliers, Sum, upper_bound
 from workcell.ik.ikspark.cuboid_proof import held_back, moving_spheres
 from workcell.ik.problem import STEP_SLACK, IKProblem
 from workcell.pose import Array
@@ -49,19 +42,6 @@ def old_farkas(problem: IKProblem, certificate: Certificate) -> str | None:
         "proofs of kind 'farkas' rest on rows that their solver had reduced, and can't be checked from the chain; "
         f"ask ikspark again for one of kind {KIND!r}"
     )
-
-
-def unsuited(problem: IKProblem) -> str | None:
-    """Why there can be no such proof of a problem, or None."""
-    robot = problem.robot
-    if bool(np.any(robot.prismatic)) or not robot.is_serial or robot.tool().link != robot.dof:
-        return "proofs of rotations are about serial chains of turning joints"
-    if robot.dof > MOST_JOINTS:
-        return f"the robot has {robot.dof} joints; the checker's rounding is proved up to {MOST_JOINTS}"
-    length = Chain.of(problem).length
-    if not length <= LONGEST:
-        return f"the robot and its target reach {length:.3g} m; the checker's rounding is proved up to {LONGEST:g}"
-    return None
 
 
 def margin(problem: IKProblem, m: Multipliers, covered: Array) -> float:

@@ -10,8 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from workcell.ik.certificate import Certificate, problem_hash
-from workcell.ik.ikspark.bound import Chain, Multipliers
-from workcell.ik.ikspark.check import KIND, margin, scope_of, statement, unsuited
+from workcell.ik.claims.chain import Chain, unsuited
+from workcell.ik.ikspark.bound import Multipliers
+from workcell.ik.ikspark.check import KIND, margin, scope_of, statement
 from workcell.ik.ikspark.cuboid_proof import moving_spheres
 from workcell.ik.ikspark.instance import relaxation_of
 from workcell.ik.ikspark.lift import Lift

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from workcell.ik.certificate import Certificate, problem_hash
-from workcell.ik.claims import WIDEST, Shape, whole_numbers, wrong_form
+from workcell.ik.claims.form import WIDEST, Shape, whole_numbers, wrong_form
 from workcell.ik.problem import IKProblem
 from workcell.pose import Array
 

@@ -1,0 +1,1 @@
+"""What checkers of certificates have in common: the form of numbers, what may be said, and the chain itself."""

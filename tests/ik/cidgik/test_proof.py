@@ -414,7 +414,7 @@ def test_proofs_of_queries() -> None:
     within = replace(query, goals=(Goal.at("tool", [0.7, 0.2, 0.3]),))
     assert "do not prove the claim" in str(check_query(within, answer.proof))
     forged = replace(answer.proof, S=-answer.proof.S)
-    assert check_query(query, forged) == "a multiplier is not positive semidefinite"
+    assert "do not prove the claim" in str(check_query(query, forged))
 
 
 def test_joint_points_leave_out_what_the_base_fixes() -> None:

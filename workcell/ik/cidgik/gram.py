@@ -1,8 +1,9 @@
 """The function of a `cidgik/2` certificate and its upper bound, from the chain itself.
 
-See docs/proofs.md, section 8. All vectors of the chain are combinations of the columns of X = [R_1 ... R_m I], m the last link whose rotation is not
-given. F is a sum of inner products of such vectors, `constant + <H, X^T X>`, zero or more at every configuration that
-solves the problem. Of X^T X all entries are known but those between the frames of different links, which are cosines.
+See docs/proofs.md, section 8. All vectors of the chain are combinations of the columns of X = [R_1 ... R_m I], m the
+last link whose rotation is not given. F is a sum of inner products of such vectors, `constant + <H, X^T X>`, zero or
+more at every configuration that solves the problem. Of X^T X all entries are known but those between the frames of
+different links, which are cosines.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ F is counted too. So the proof covers the tolerances it names, and no residual o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,8 @@ from workcell.pose import Array, read_only
 
 ROUNDING = 1e-9
 """Part of F (for multipliers of unit length) that rounding may account for."""
+LARGEST = 1e50
+"""Size of a multiplier for which all sums are finite."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +54,11 @@ class Proof:
         for name in self.__slots__:
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
+    def size(self) -> float:
+        """Euclidean length of all that is multiplied: a margin is counted in it."""
+        parts = (self.equalities, self.limits, self.rows, self.S, self.frames.ravel())
+        return float(np.linalg.norm(np.concatenate(parts)))
+
 
 def proof_of(instance: Instance, keeper: Keeper | None, z: Array) -> Proof | None:
     """Multipliers of unit length from a solver's ray `z`; None where it leans on rows that not every solution keeps."""
@@ -77,8 +84,7 @@ def proof_of(instance: Instance, keeper: Keeper | None, z: Array) -> Proof | Non
     total = _Sum(instance, keeper, proof, 0.0)
     A, _ = instance.equalities()
     equalities = np.asarray(-np.linalg.lstsq(A.T, total.gradient, rcond=None)[0], dtype=float)
-    parts = (equalities, proof.limits, proof.rows, proof.S, proof.frames.ravel())
-    size = float(np.linalg.norm(np.concatenate(parts)))
+    size = replace(proof, equalities=equalities).size()
     if not size > 0:
         return None
     return Proof(
@@ -106,13 +112,10 @@ def malformed(instance: Instance, keeper: Keeper | None, proof: Proof) -> str | 
         (proof.S, instance.Z0.shape),
         (proof.frames, (len(instance.frame_rows) // 10, 10)),
     )
-    if any(values.shape != shape or not np.all(np.isfinite(values)) for values, shape in shapes):
+    if any(values.shape != shape or not np.all(np.abs(values) <= LARGEST) for values, shape in shapes):
         return "its multipliers are damaged or of another relaxation"
-    if np.any(proof.limits < 0) or np.any(proof.rows < 0):
+    if not (np.all(proof.limits >= 0) and np.all(proof.rows >= 0)):
         return "a multiplier of an inequality is negative"
-    for packed, order in [(proof.S, structure.order), *((block, 4) for block in proof.frames)]:
-        if np.linalg.eigvalsh(smat(packed, order))[0] < -ROUNDING:
-            return "a multiplier is not positive semidefinite"
     if len(proof.keys) and (keeper is None or not keeper.knows(proof.keys)):
         return "it names a row that the workspace does not have"
     return None
@@ -139,7 +142,24 @@ def margin(
     strayed = _Strayed(instance, position, rotation)
     moved = strayed.equalities(proof.equalities) + strayed.limits(proof.limits)
     moved += strayed.rows(keeper, proof, clearance) + strayed.frames(proof.frames)
-    return -(value + float(np.abs(coefficients) @ _entry_bounds(structure)) + moved + ROUNDING)
+    moved += _indefinite(proof.S, structure.order) * _trace_bound(structure)
+    moved += sum(_indefinite(block, 4) for block in proof.frames)
+    size = proof.size()
+    if not size > 0.0:
+        return -np.inf
+    return -(value + float(np.abs(coefficients) @ _entry_bounds(structure)) + moved) / size - ROUNDING
+
+
+def _indefinite(packed: Array, order: int) -> float:
+    """By how much a triangle's least eigenvalue may lie below zero, at most: what it then takes from a trace of one."""
+    matrix = smat(packed, order)
+    slack = 1e-12 * float(np.linalg.norm(matrix))
+    return max(slack - float(np.linalg.eigvalsh(matrix)[0]), 0.0)
+
+
+def _trace_bound(structure: Structure) -> float:
+    d = structure.skeleton.dimension
+    return float(np.sum(structure.reduction.bounds()[structure.keep[:-d]] ** 2)) + d
 
 
 def _entry_bounds(structure: Structure) -> Array:

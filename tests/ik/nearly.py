@@ -1,4 +1,4 @@
-"""Arms whose axes are nearly parallel, nearly meet or are nearly at right angles, as files of few digits have them."""
+"""Arms whose axes are nearly parallel, nearly meet or are nearly at right angles, as files have them."""
 
 from __future__ import annotations
 

@@ -44,13 +44,14 @@ def test_one_line_a_problem(seven_set, solved):
         assert {"id", "status", "q", "time_s", "cpu_s", "solver", "certificate"} <= set(line)
         assert (line["q"] is None) == (line["status"] != "SOLVED")
         assert line["cpu_s"] > 0
-    assert lines[-1]["certificate"]["kind"] == "reach"
+    assert [line["certificate"]["kind"] for line in lines] == ["solution"] * 3 + ["reach"]
+    assert all(line["certificate"]["data"]["middle"]["values"] == line["q"] for line in lines[:3])
 
 
 def test_the_recheck_agrees(seven_set, solved):
     report = verify_answers(seven_set, solved)
     assert (report.solved, report.proved, report.unanswered, report.missing) == (3, 1, 0, 0)
-    assert report.refused == []
+    assert report.refused == [] and report.certified == 3
     figures = report.to_json()
     assert figures["max_position_error_m"] < 1e-4 and figures["min_clearance_m"] >= 0
     assert len(report.rows()) == len(figures)
@@ -138,6 +139,16 @@ def _forged_proof(line):
     return {**line, "certificate": certificate}
 
 
+def _moved_box(line, by):
+    certificate = json.loads(json.dumps(line["certificate"]))
+    certificate["data"]["middle"]["values"][0] += by
+    return {**line, "certificate": certificate}
+
+
+def _another_scope(certificate):
+    return {**certificate, "scope": "kinematics"}
+
+
 @pytest.mark.parametrize(
     ("index", "change", "words"),
     [
@@ -152,7 +163,12 @@ def _forged_proof(line):
         (0, lambda a: _changed(a, id="nobody"), "no problem 'nobody'"),
         (0, lambda a: _changed(a, id=None), '"id" is missing'),
         (1, lambda a: _changed(a, id="seven_random_0000"), "second answer"),
-        (0, lambda a: _changed(a, status="UNREACHABLE", q=None), "without a certificate"),
+        (0, lambda a: _changed(a, status="UNREACHABLE", q=None, certificate=None), "without a certificate"),
+        (0, lambda a: _changed(a, status="UNREACHABLE", q=None), "is about 'solution'"),
+        (0, lambda a: _changed(a, status="BLOCKED", q=None), "is about 'solution'"),
+        (0, lambda a: _changed(a, q=[v + 1e-9 for v in a["q"]]), "another configuration"),
+        (0, lambda a: _moved_box(a, 1e-4), "does not hold"),
+        (0, lambda a: _changed(a, certificate=_another_scope(a["certificate"])), "about 'kinematics'"),
         (0, lambda a: [a], "not a JSON object"),
         (3, lambda a: _changed(a, certificate=None), "without a certificate"),
         (3, lambda a: _changed(a, status="BLOCKED"), "is about 'kinematics'"),

@@ -23,8 +23,9 @@ FORMAT = "workcell-certificate/1"
 MOST_DIMENSIONS = 4
 LONGEST_SIDE = 1 << 31
 
-Scope = Literal["kinematics", "geometry", "model"]
-"""What a proof is about: the kinematics alone (UNREACHABLE), the true geometry (BLOCKED), the conservative model."""
+Scope = Literal["kinematics", "geometry", "model", "solution"]
+"""What a proof is about: the kinematics alone (UNREACHABLE), the true geometry (BLOCKED), the conservative model; or a
+configuration that solves the problem (SOLVED)."""
 
 Grounds = Literal["chain", "spheres", "cuboids"]
 """What a proof rests on: the chain and its limits alone, spheres that collide, spheres that no free cuboid has room
@@ -33,7 +34,7 @@ for."""
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """Why no configuration solves a problem.
+    """Why no configuration solves a problem, or why one does.
 
     Attributes:
         kind: the form of proof, e.g. `farkas` (a ray of the relaxation's dual cone) or `reach` (an elementary bound).

@@ -12,12 +12,16 @@ STATUS_OF_SCOPE = {
     "kinematics": Status.UNREACHABLE,
     "geometry": Status.BLOCKED,
     "model": Status.BLOCKED_IN_MODEL,
+    "solution": Status.SOLVED,
 }
 """What a valid certificate of each scope awards."""
 
 
 def check_certificate(problem: IKProblem, certificate: Certificate) -> str | None:
-    """None when the certificate proves that `problem` has no solution in its scope, else why it doesn't."""
+    """None when the certificate proves that `problem` has no solution in its scope, else why it doesn't.
+
+    One of scope `solution` proves instead that what is in it is one.
+    """
     if certificate.scope not in STATUS_OF_SCOPE:
         return f"the scope {certificate.scope!r} is unknown"
     if problem.inner is not None and certificate.problem_hash != problem_hash(problem):

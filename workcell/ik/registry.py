@@ -239,6 +239,7 @@ PROOFS: Mapping[str, ProofEntry] = MappingProxyType(
             obstacles="workcell.ik.elementary.check:obstacles_used",
         ),
         "reach": ProofEntry(check="workcell.ik.elementary.check:check_reach"),
+        "solution": ProofEntry(check="workcell.ik.solution.check:check_solution"),
     }
 )
 """Every kind of certificate, by its name."""

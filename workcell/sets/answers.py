@@ -32,8 +32,17 @@ class Answer:
     cpu_s: float
 
 
-def answer_line(identity: str, result: IKResult, folder: Path | None) -> dict[str, Any]:
-    """The JSON object of one answer; certificates too large for a line are written into `folder` (None: inline)."""
+def answer_line(
+    identity: str, result: IKResult, folder: Path | None, certificate: Certificate | None = None
+) -> dict[str, Any]:
+    """The JSON object of one answer.
+
+    Args:
+        identity: the problem's id.
+        result: the answer.
+        folder: where certificates are written that are too large for a line; None: they are inline.
+        certificate: what goes with a solution; None: what the result has, if it has one.
+    """
     solved = result.status is Status.SOLVED and result.q is not None
     return {
         "id": identity,
@@ -42,7 +51,7 @@ def answer_line(identity: str, result: IKResult, folder: Path | None) -> dict[st
         "time_s": round(float(result.stats.get("time_s", math.nan)), 6),
         "cpu_s": round(float(result.stats.get("cpu_s", math.nan)), 6),
         "solver": result.solver,
-        "certificate": _certificate_entry(identity, result.certificate, folder),
+        "certificate": _certificate_entry(identity, certificate or result.certificate, folder),
         "rejected": list(result.rejected) if not solved else [],
     }
 

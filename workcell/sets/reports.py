@@ -66,10 +66,14 @@ class SolveSummary:
 
 @dataclass(slots=True)
 class VerifyReport:
-    """What a re-check of answers came to: how many hold, and which were refused, why."""
+    """What a re-check of answers came to: how many hold, and which were refused, why.
+
+    `certified` counts those of the solved that came with a proof of their own.
+    """
 
     problems: int
     solved: int = 0
+    certified: int = 0
     proved: int = 0
     unanswered: int = 0
     refused: list[str] = field(default_factory=list)
@@ -87,6 +91,7 @@ class VerifyReport:
         return {
             "problems": self.problems,
             "solved": self.solved,
+            "certified": self.certified,
             "proved": self.proved,
             "unanswered": self.unanswered,
             "missing": self.missing,

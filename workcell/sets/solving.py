@@ -11,11 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from workcell.ik.certificate import Certificate
 from workcell.ik.check import STATUS_OF_SCOPE, check_certificate
 from workcell.ik.judge.verify import verify
 from workcell.ik.problem import Budget
 from workcell.ik.registry import AUTO
 from workcell.ik.result import IKResult, Status
+from workcell.ik.solution.issue import certify_solution
 from workcell.ik.solve import check_solver_name, solve
 from workcell.sets.answers import Answer, answer_line, certificate_folder, parse_answer
 from workcell.sets.lines import recheck
@@ -119,11 +123,26 @@ def _judge_configuration(named: NamedProblem, answer: Answer, report: VerifyRepo
     verdict = verify(named.problem, answer.q)
     if not verdict.accepted:
         return "; ".join(verdict.reasons)
+    if answer.certificate is not None:
+        refusal = _refused_box(named, answer, answer.certificate)
+        if refusal is not None:
+            return f"the certificate does not hold: {refusal}"
+        report.certified += 1
     report.solved += 1
     report.position_error = max(report.position_error, verdict.position_error)
     report.rotation_error = max(report.rotation_error, verdict.rotation_error)
     report.clearance = min(report.clearance, verdict.clearance.distance)
     return None
+
+
+def _refused_box(named: NamedProblem, answer: Answer, certificate: Certificate) -> str | None:
+    """Why the certificate of a solution does not hold or is not about the answer's configuration, or None."""
+    if STATUS_OF_SCOPE[certificate.scope] is not Status.SOLVED:
+        return f"the answer is SOLVED, the certificate about {certificate.scope!r}"
+    refusal = check_certificate(named.problem, certificate)
+    if refusal is None and not np.array_equal(certificate.data["middle"], np.array(answer.q, dtype=float)):
+        return "it is about another configuration"
+    return refusal
 
 
 def _judge_proof(named: NamedProblem, answer: Answer) -> str | None:
@@ -151,4 +170,5 @@ class _Task:
     def line(self, index: int) -> dict[str, Any]:
         named = self.problems[index]
         result: IKResult = solve(named.problem, self.solver, self.budget, problem_seed(self.seed, named.id))
-        return answer_line(named.id, result, self.certificates)
+        own = certify_solution(named.problem, result.q) if result.solved and result.q is not None else None
+        return answer_line(named.id, result, self.certificates, own)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from workcell.errors import ModelError
 from workcell.geometry.types import Piece, PieceKind
+from workcell.model.judge.solids import hull_vertices
 from workcell.model.labels import body_name, geom_name, obstacle_label
 from workcell.model.loading.compiled import link_bodies
 from workcell.model.loading.couplings import locked_values
@@ -184,7 +185,7 @@ def _solids(model: mujoco.MjModel, geom: int, pose: Pose) -> list[Piece]:
         shape, count = primitives[kind]
         return [Piece(name, shape, pose, size[:count], body=body)]
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        return [hull_piece(name, _hull_vertices(model, int(model.geom_dataid[geom])), pose, body=body)]
+        return [hull_piece(name, hull_vertices(model, int(model.geom_dataid[geom])), pose, body=body)]
     if kind == mujoco.mjtGeom.mjGEOM_HFIELD:
         return _height_field(model, geom, pose, name, body)
     raise ModelError(
@@ -192,22 +193,6 @@ def _solids(model: mujoco.MjModel, geom: int, pose: Pose) -> list[Piece]:
         where=name,
         remedy="use box, sphere, capsule, cylinder, ellipsoid, plane, mesh or hfield",
     )
-
-
-_FEW = 10
-"""Vertices below which MuJoCo looks at all of them and not at the hull (`mjMESH_HILLCLIMB_MIN`)."""
-
-
-def _hull_vertices(model: mujoco.MjModel, mesh: int) -> Array:
-    """The vertices (k, 3) that MuJoCo collides: of the hull it made, which `maxhullvert` may have made coarser."""
-    first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-    vertices = np.array(model.mesh_vert[first : first + count], dtype=float)
-    graph = int(model.mesh_graphadr[mesh])
-    if graph < 0 or count < _FEW:
-        return vertices
-    corners = int(model.mesh_graph[graph])
-    kept: Array = vertices[np.sort(model.mesh_graph[graph + 2 + corners : graph + 2 + 2 * corners])]
-    return kept
 
 
 def hull_piece(name: str, vertices: ArrayLike, pose: Pose | None = None, *, body: str = "") -> Piece:

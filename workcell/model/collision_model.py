@@ -1,7 +1,7 @@
 """The truth about collisions in a scene: signed distances of the compiled model's own geometry.
 
-They are `mj_geomDistance`'s. Deep penetration is measured poorly by MuJoCo for some pairs of shapes: trust
-the sign, not the depth.
+They are those of `workcell.model.judge.distances`. Deep penetration is measured poorly by MuJoCo for some pairs of
+shapes: trust the sign, not the depth.
 """
 
 from __future__ import annotations
@@ -11,20 +11,22 @@ import functools
 import importlib
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from workcell.errors import InputError
+from workcell.errors import InputError, ModelError
+from workcell.model.judge.distances import TOLERANCE, judge_model
 from workcell.model.judge.pairs import colliding_pairs
+from workcell.model.judge.solids import SIGNED_FIELD
 from workcell.model.labels import bodies_called, geom_name
 from workcell.model.scene import Scene
 from workcell.model.scene_parts import SceneObject, SceneRobot, place_holding
 from workcell.pose import Array, Pose, read_only
 
-_TOLERANCE = 1e-6
-"""Metres: MuJoCo's own default."""
+if TYPE_CHECKING:
+    import mujoco
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +71,9 @@ class CollisionModel:
         import mujoco
 
         self._mujoco = mujoco
-        self._model = scene.model
-        self._data = mujoco.MjData(scene.model)
+        self._judge = judge_model(scene.model)
+        self._model = self._judge.model
+        self._data = mujoco.MjData(self._model)
         self._qpos = np.array(scene.initial_qpos() if qpos is None else qpos, dtype=float)
         self.scene, self.robot = scene, scene.robot(robot).standing(scene.model, self._qpos)
         self._attached: SceneObject | None = None
@@ -88,6 +91,7 @@ class CollisionModel:
         intended = {frozenset(pair) for pair in allowed_geoms}
         kept = [frozenset((int(a), int(b))) not in intended for a, b in self._pairs]
         self._pairs = self._pairs[np.array(kept, dtype=bool)]
+        _refuse_unmeasured(self._model, np.unique(self._pairs).tolist())
         self._pad = scene.model.geom_rbound.copy()
         self._pad[self._pad == 0.0] = np.inf
         self._boxes = scene.model.geom_aabb.copy()
@@ -107,7 +111,7 @@ class CollisionModel:
     @property
     def tolerance(self) -> float:
         """Metres by which distances between convex shapes may be off: MuJoCo's solver stops there."""
-        return max(_TOLERANCE, float(self._model.opt.ccd_tolerance))
+        return TOLERANCE
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
@@ -162,7 +166,7 @@ class CollisionModel:
             if bounds[k] >= best:
                 break
             a, b = (int(g) for g in self._pairs[near[k]])
-            distance = self._mujoco.mj_geomDistance(model, data, a, b, max(best, 0.0), self._fromto)
+            distance = self._judge.distance(data, a, b, max(best, 0.0), self._fromto)
             if distance < best:
                 best, nearest = distance, (a, b)
                 points = self._fromto.reshape(2, 3).copy()
@@ -194,7 +198,7 @@ class CollisionModel:
             if bounds[k] >= least:
                 break
             (a, b), lost = (int(g) for g in self._pairs[near[k]]), float(motion[near[k]])
-            found = self._mujoco.mj_geomDistance(model, data, a, b, max(least + lost, 0.0), self._fromto)
+            found = self._judge.distance(data, a, b, max(least + lost, 0.0), self._fromto)
             if found - lost < least:
                 least, nearest, distance = found - lost, (a, b), found
                 points = self._fromto.reshape(2, 3).copy()
@@ -266,6 +270,19 @@ def _colliding_pairs(
     grip = [_is_grip(int(a), int(b), attached, carriers) for a, b in owners]
     kept: NDArray[np.int64] = pairs[~np.array(grip, dtype=bool)]
     return kept
+
+
+def _refuse_unmeasured(model: mujoco.MjModel, geoms: Iterable[int]) -> None:
+    """Raise ModelError for what has no distance that can be trusted, of these geoms."""
+    for geom in geoms:
+        if model.geom_type[geom] == SIGNED_FIELD:
+            raise ModelError(
+                "distances to a geom of type sdf can't be trusted",
+                where=geom_name(model, geom),
+                remedy="use box, sphere, capsule, cylinder, ellipsoid, plane, mesh or hfield",
+            )
+    if model.nflex:
+        raise ModelError("deformable bodies (flex) are not supported as obstacles", where=model.flex(0).name)
 
 
 def _is_grip(a: int, b: int, attached: SceneObject, carriers: frozenset[int]) -> bool:

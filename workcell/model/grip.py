@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workcell.errors import InputError, ModelError, UnknownNameError
+from workcell.model.judge.distances import judge_model
 from workcell.model.loading.couplings import locked_values, settled
 from workcell.model.scene import Scene
 from workcell.model.scene_parts import SceneRobot, data_at, place_holding
@@ -142,16 +143,14 @@ def _first_free(
     """
     import mujoco
 
-    data = mujoco.MjData(model)
+    data, judge = mujoco.MjData(model), judge_model(model)
 
     def free(share: float) -> bool:
         for address, value in at(share):
             qpos[address] = value
         data.qpos[:] = qpos
         mujoco.mj_kinematics(model, data)
-        return all(
-            mujoco.mj_geomDistance(model, data, a, b, 0.001, None) > 0 for a, b in product(movers, others)
-        )
+        return all(judge.distance(data, a, b, 0.001) > 0 for a, b in product(movers, others))
 
     low, high = 0.0, 1.0
     if free(low):
@@ -176,8 +175,6 @@ def hand_clearance(
         ignored: objects (by name) that don't count, such as one about to be grasped.
         limit: metres up to which is looked.
     """
-    import mujoco
-
     qpos = np.array(scene.initial_qpos())
     for address, value in robot.fingers:
         qpos[address] = value
@@ -190,7 +187,7 @@ def hand_clearance(
         _move(data, geom, moved)
     meeting = [(a, b) for a, b in product(hand, others) if _collide(model, a, b)]
     return min(
-        (mujoco.mj_geomDistance(model, data, a, b, limit, None) for a, b in meeting),
+        (judge_model(model).distance(data, a, b, limit) for a, b in meeting),
         default=limit,
     )
 

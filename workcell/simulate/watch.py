@@ -11,6 +11,7 @@ import numpy as np
 
 from workcell.errors import UnknownNameError
 from workcell.model.collision_model import CollisionModel, Distance
+from workcell.model.judge.distances import judge_model
 from workcell.model.scene import Scene
 from workcell.model.scene_parts import SceneObject, SceneRobot
 from workcell.pose import Array, Pose
@@ -65,9 +66,7 @@ class Watch:
     def __init__(
         self, scene: Scene, robots: Sequence[SceneRobot], model: mujoco.MjModel, data: mujoco.MjData
     ) -> None:
-        import mujoco
-
-        self._distance = mujoco.mj_geomDistance
+        self._judge = judge_model(scene.model)
         self._scene, self._robots, self._model, self._data = scene, tuple(robots), model, data
         self._rules = ContactRules(model, frozenset[int]().union(*(robot.body_ids for robot in robots)))
         self._expected: set[Pair] = set()
@@ -193,9 +192,7 @@ class Watch:
         return found
 
     def _near(self, pairs: Iterable[Pair]) -> bool:
-        return any(
-            self._distance(self._model, self._data, a, b, 2 * _LIFTED, None) <= _LIFTED for a, b in pairs
-        )
+        return any(self._judge.distance(self._data, a, b, 2 * _LIFTED) <= _LIFTED for a, b in pairs)
 
     def _rebuild(self) -> None:
         attached = {name: (held.thing.name, held.T_tool_object) for name, held in self.held.items()}

@@ -34,7 +34,7 @@ def marked_source(path: Path) -> str | None:
     Raises:
         ModelError: an included file that is missing or includes itself; ParseError: malformed XML.
     """
-    if not any(_ZERO_RANGE.search(text) for text in _texts(path, (path,))):
+    if not any(_ZERO_RANGE.search(text) for text in texts_of(path)):
         return None
     root = _with_includes(path, path.parent, (path,))
     for joint in root.iter("joint"):
@@ -134,14 +134,14 @@ def _lock(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, deviation: float) -> None
     lock.data[:5] = [deviation, 0.0, 0.0, 0.0, 0.0]
 
 
-def _texts(path: Path, inside: tuple[Path, ...]) -> list[str]:
-    """A file's text and those of its includes."""
-    text = path.read_text(encoding="utf-8")
+def texts_of(path: Path, inside: tuple[Path, ...] = ()) -> list[str]:
+    """The text of an MJCF file, and those of its includes; raises as `marked_source`."""
+    inside, text = inside or (path,), path.read_text(encoding="utf-8")
     if "<include" not in text:
         return [text]
     found = [text]
     for element in ElementTree.fromstring(text).iter("include"):
-        found += _texts(_included(element, path, inside), (*inside, _included(element, path, inside)))
+        found += texts_of(_included(element, path, inside), (*inside, _included(element, path, inside)))
     return found
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from workcell.errors import ModelError
 from workcell.model.loading.assets import MODEL_SUFFIXES, AssetKind, find_asset
 from workcell.model.loading.compiled import VELOCITY, robot_from_model
+from workcell.model.loading.field_sizes import check_field_sizes, refuse_large_grids
 from workcell.model.loading.labels import label
 from workcell.model.loading.limits import lock_equal_limits, marked_source, set_urdf_limits
 from workcell.model.loading.warnings import quiet_mujoco
@@ -61,6 +62,7 @@ def load_spec(
                 spec = _load_urdf(path)
                 label(spec, root)
             else:
+                refuse_large_grids(path)
                 spec = _mjcf(path)
                 label(spec, root)
                 lock_equal_limits(spec)
@@ -77,9 +79,10 @@ def load_spec(
 
 
 def compile_spec(spec: mujoco.MjSpec, where: str | Path) -> mujoco.MjModel:
-    """Compile, turning MuJoCo's error into a ModelError that names `where`."""
+    """Compile, turning MuJoCo's error into a ModelError that names `where`; too large height fields are refused."""
     import mujoco
 
+    check_field_sizes(spec, where)
     try:
         with quiet_mujoco(where):
             model = spec.compile()

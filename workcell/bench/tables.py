@@ -27,6 +27,7 @@ _PROVIDERS = (
     "workcell.bench.geometry.covers",
     "workcell.bench.geometry.free_space",
     "workcell.bench.strangers.table",
+    "workcell.bench.forgeries.table",
 )
 
 

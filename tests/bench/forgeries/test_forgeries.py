@@ -1,0 +1,92 @@
+"""Forged certificates: none is accepted, whatever it is made from; and those they are made from hold."""
+
+from __future__ import annotations
+
+import copy
+import json
+
+import numpy as np
+import pytest
+
+from workcell.bench.forgeries.honest import Case, cases
+from workcell.bench.forgeries.mutants import CHANGES, VALUES, forged
+from workcell.bench.forgeries.table import forgeries, forgery_rows, refusal
+from workcell.ik.registry import PROOFS
+
+
+def test_there_is_a_case_of_every_kind_of_proof() -> None:
+    kinds = {case.certificate["kind"] for case in cases()}
+    assert kinds == set(PROOFS) - {"farkas", "cidgik"}
+    assert {case.certificate["scope"] for case in cases()} == {"kinematics", "geometry"}
+
+
+@pytest.mark.parametrize("case", cases(), ids=lambda case: case.name)
+def test_honest_certificates_hold_where_they_belong_and_nowhere_else(case: Case) -> None:
+    assert refusal(case.problem(False), json.dumps(case.certificate)) is None
+    assert "another problem" in str(refusal(case.problem(True), json.dumps(case.certificate)))
+    assert refusal(case.problem(True), json.dumps(case.borrowed())) is not None
+
+
+def test_of_hundreds_of_forgeries_none_is_accepted_and_none_ends_in_an_error() -> None:
+    rows = forgery_rows(400, 1, None)
+    assert sum(row["n"] for row in rows) == 400
+    for row in rows:
+        assert (row["accepted"], row["errors"]) == (0, 0), row["first"]
+
+
+def test_the_same_seed_forges_the_same() -> None:
+    one, two = ([forgery.text for forgery in forgeries(60, 7)] for _ in range(2))
+    assert one == two and len(set(one)) > 55
+
+
+@pytest.mark.parametrize("case", [case for case in cases() if "six" in case.name], ids=lambda case: case.name)
+def test_no_number_of_any_array_can_be_replaced_by_what_is_none(case: Case) -> None:
+    problem, document = case.problem(False), case.certificate
+    for name, entry in document["data"].items():
+        if not entry["values"]:
+            continue
+        for value in VALUES:
+            if type(value) in (int, float) and abs(value) <= 1e50:
+                continue
+            changed = copy.deepcopy(document)
+            changed["data"][name]["values"][-1] = value
+            text = json.dumps(changed)
+            reason = refusal(problem, text)
+            assert reason is not None and name in reason, (name, value)
+
+
+def farkas() -> Case:
+    return next(case for case in cases() if case.name == "farkas/seven")
+
+
+def test_a_ray_of_nothing_but_a_trace_proves_nothing() -> None:
+    """The cone that a careless test allows: zeros, and one entry just below zero."""
+    case = farkas()
+    for name in ("axes", "position", "limits", "chords"):
+        for trace in (-0.99e-9, 0.99e-9, -1e-300, 5e-324):
+            document = case.borrowed()
+            for other in ("axes", "position", "limits", "chords"):
+                document["data"][other]["values"] = [0.0] * len(document["data"][other]["values"])
+            document["data"][name]["values"][-1] = trace
+            assert refusal(case.problem(True), json.dumps(document)) is not None
+
+
+def test_multipliers_of_what_is_zero_anyway_prove_nothing() -> None:
+    """The axis of the first joint is shared by a planar link whatever it is: F is zero but for rounding."""
+    case, rng = farkas(), np.random.default_rng(0)
+    for _ in range(50):
+        document = case.borrowed()
+        for name in ("position", "limits", "chords"):
+            document["data"][name]["values"] = [0.0] * len(document["data"][name]["values"])
+        axes = np.zeros((7, 3))
+        axes[0] = rng.standard_normal(3)
+        document["data"]["axes"]["values"] = axes.ravel().tolist()
+        assert "margin -" in str(refusal(case.problem(True), json.dumps(document)))
+
+
+def test_every_change_changes_something() -> None:
+    rng = np.random.default_rng(3)
+    others = [case.borrowed() for case in cases()]
+    for change in CHANGES:
+        texts = {forged(others[0], change, rng, others[1:]) for _ in range(20)}
+        assert len(texts) > 1, change

@@ -1,0 +1,1 @@
+"""Forged and mutated certificates, of which no checker may accept one."""

@@ -1,0 +1,194 @@
+"""Problems without a solution, a certificate of each, and twins of them that have one: what forgeries are made from.
+
+All stands in documents as files have it, a set of problems (`workcell-ikset/1`) and certificates, so that any checker
+can be handed them.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from workcell.ik.branch.checker.check import seal, statement
+from workcell.ik.branch.solver import solve_branch
+from workcell.ik.certificate import Certificate, problem_hash
+from workcell.ik.cidgik.solver import prove_cidgik
+from workcell.ik.elementary.bounds import prove_impossible
+from workcell.ik.ikspark.solver import solve_ikspark
+from workcell.ik.judge.verify import verify
+from workcell.ik.problem import Budget, IKProblem
+from workcell.pose import Array, Pose
+from workcell.sets.problems import FORMAT, parse_problem_set
+
+BUDGET = Budget(20.0)
+_AWAY = 4.0
+"""Metres by which the obstacles of a solvable twin are moved away."""
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A certificate, the problem that it is about, and a problem of the same form that has a solution.
+
+    Attributes:
+        name: what the proof rests on.
+        impossible, solvable: sets of one problem each, as documents.
+        certificate: as a document; it holds of the impossible problem.
+    """
+
+    name: str
+    impossible: dict[str, Any]
+    solvable: dict[str, Any]
+    certificate: dict[str, Any]
+
+    def problem(self, solvable: bool) -> IKProblem:
+        """The problem of one of the sets."""
+        return _problem(self.solvable if solvable else self.impossible)
+
+    def borrowed(self) -> dict[str, Any]:
+        """The certificate as one who forges hands it in for the solvable twin: with that problem's hash."""
+        document = copy.deepcopy(self.certificate)
+        document["problem_hash"] = problem_hash(self.problem(True))
+        return document
+
+
+def _problem(document: dict[str, Any]) -> IKProblem:
+    return parse_problem_set(document).problems[0].problem
+
+
+def sealed(document: dict[str, Any]) -> dict[str, Any]:
+    """A tree's document with seal and statement as they would be if its numbers were honest."""
+    data = {
+        name: np.array(entry["values"], dtype=float).reshape(entry["shape"])
+        for name, entry in document["data"].items()
+        if name != "seal"
+    }
+    document["data"]["seal"] = {"shape": [8], "values": seal(data).tolist()}
+    document["statement"] = statement(data)
+    document["margin"] = float(data["inflation"][0])
+    return document
+
+
+@lru_cache(maxsize=1)
+def cases() -> tuple[Case, ...]:
+    """One case or more of every kind of proof, made once."""
+    seven, six = _arm(7), _arm(6)
+    found = []
+    for robot, tag in ((seven, "seven"), (six, "six")):
+        q = np.linspace(0.3, -0.4, len(robot["joints"]))
+        far, walled, pinned = _far(robot, q, 2.4), _walled(robot, q), _pinned(robot, q)
+        found += [
+            _case(f"reach/{tag}", far, q, prove_impossible),
+            _case(f"last_link/{tag}", pinned, q, prove_impossible),
+            _case(f"farkas/{tag}", _far(robot, q, 1.6), q, _by_ikspark),
+            _case(f"cidgik/{tag}", far, q, prove_cidgik),
+            _case(f"branch/limits/{tag}", _beyond_limits(robot), q, _by_branch),
+            _case(f"branch/obstacles/{tag}", walled, q, _by_branch),
+        ]
+    found.append(_case("cidgik/obstacles", _ball_in_the_way(six), np.linspace(0.3, -0.4, 6), prove_cidgik))
+    return tuple(found)
+
+
+def _case(
+    name: str, impossible: dict[str, Any], q: Array, prove: Callable[[IKProblem], Certificate | None]
+) -> Case:
+    problem = _problem(impossible)
+    certificate: Certificate | None = prove(problem)
+    assert certificate is not None, name
+    twin = copy.deepcopy(impossible)
+    posed = problem.robot.fk(np.clip(q, problem.robot.lower, problem.robot.upper))
+    entry = twin["problems"][0]
+    entry["target"] = {"xyz": posed.position.tolist(), "quat": posed.quat_wxyz.tolist()}
+    for pieces in entry["obstacles"].values():
+        for piece in pieces:
+            piece["centre"] = [piece["centre"][0], piece["centre"][1], piece["centre"][2] - _AWAY]
+    assert verify(_problem(twin), np.clip(q, problem.robot.lower, problem.robot.upper)).accepted, name
+    return Case(name, impossible, twin, certificate.to_json())
+
+
+def _by_branch(problem: IKProblem) -> Certificate | None:
+    return solve_branch(problem, BUDGET).certificate
+
+
+def _by_ikspark(problem: IKProblem) -> Certificate | None:
+    bare = replace(problem, obstacles=())
+    certificate = solve_ikspark(bare, BUDGET, 0).certificate
+    return None if certificate is None else replace(certificate, problem_hash=problem_hash(problem))
+
+
+def _arm(joints: int) -> dict[str, Any]:
+    """A serial arm of alternating axes with a sphere or two a link."""
+    rows, spheres = [], []
+    for k in range(joints):
+        axis = [0.0, 0.0, 1.0] if k % 2 == 0 else [0.0, 1.0, 0.0]
+        xyz = [0.0, 0.02 * (k % 3), 0.18 if k else 0.1]
+        turned = [float(np.cos(0.1 * k)), 0.0, 0.0, float(np.sin(0.1 * k))]
+        rows.append({"name": f"j{k}", "xyz": xyz, "quat": turned, "axis": axis, "lower": -2.2, "upper": 2.2})
+        spheres.append([k + 1, 0.0, 0.0, 0.06, 0.05])
+    tool = {"xyz": [0.0, 0.0, 0.12], "quat": [1.0, 0.0, 0.0, 0.0]}
+    return {"name": f"arm{joints}", "joints": rows, "tool": tool, "spheres": spheres, "sphere_model": "own"}
+
+
+def _set(robot: dict[str, Any], target: Pose, obstacles: dict[str, Any]) -> dict[str, Any]:
+    placed = {"xyz": target.position.tolist(), "quat": target.quat_wxyz.tolist()}
+    problem = {"id": "one", "target": placed, "obstacles": obstacles}
+    return {"format": FORMAT, "set": "forgeries", "seed": 0, "n": 1, "robot": robot, "problems": [problem]}
+
+
+def _posed(robot: dict[str, Any], q: Array) -> Pose:
+    return _problem(_set(robot, Pose.identity(), {})).robot.fk(q)
+
+
+def _far(robot: dict[str, Any], q: Array, distance: float) -> dict[str, Any]:
+    posed = _posed(robot, q)
+    return _set(robot, Pose(np.array([distance, 0.3, 0.2]), posed.quat_wxyz), {})
+
+
+def _beyond_limits(robot: dict[str, Any]) -> dict[str, Any]:
+    """Joints that turn by 2 radians at most, and a pose that takes a little more."""
+    narrow = copy.deepcopy(robot)
+    for joint in narrow["joints"]:
+        joint["lower"], joint["upper"] = -2.0, 2.0
+    q = np.full(len(robot["joints"]), 0.3)
+    q[1] = 2.1
+    return _set(narrow, _posed(robot, q), {})
+
+
+def _walled(robot: dict[str, Any], q: Array) -> dict[str, Any]:
+    """A box around the middle of the arm as it must stand to reach the pose within its limits."""
+    narrow = copy.deepcopy(robot)
+    for joint, value in zip(narrow["joints"], q.tolist(), strict=True):
+        joint["lower"], joint["upper"] = value - 1.2, value + 1.2
+    scene = _problem(_set(robot, _posed(robot, q), {}))
+    centres = scene.cover.centres_world(scene.robot.link_transforms(q)) if scene.cover is not None else q
+    boxes = [{"centre": centres[2].tolist(), "half": [0.1, 0.1, 0.1]}]
+    boxes.append({"centre": [2.0, 2.0, 2.0], "half": [0.05, 0.05, 0.05], "quat": [0.6, 0.8, 0.0, 0.0]})
+    return _set(narrow, _posed(robot, q), {"boxes": boxes})
+
+
+def _pinned(robot: dict[str, Any], q: Array) -> dict[str, Any]:
+    """A box, a ball and a cylinder, one of them on the last link's sphere."""
+    posed = _posed(robot, q)
+    at = posed.apply([0.0, 0.0, -0.06]).tolist()
+    elsewhere = [1.5, 1.5, 1.5]
+    return _set(
+        robot,
+        posed,
+        {
+            "boxes": [{"centre": elsewhere, "half": [0.1, 0.1, 0.1]}],
+            "spheres": [{"centre": elsewhere, "radius": 0.1}],
+            "cylinders": [{"centre": at, "quat": [0.8, 0.0, 0.6, 0.0], "half_length": 0.05, "radius": 0.04}],
+        },
+    )
+
+
+def _ball_in_the_way(robot: dict[str, Any]) -> dict[str, Any]:
+    """A large ball that the last links can't avoid."""
+    posed = _posed(robot, np.linspace(0.3, -0.4, len(robot["joints"])))
+    at = posed.apply([0.0, 0.0, -0.15]).tolist()
+    balls = [{"centre": [2.0, 2.0, 2.0], "radius": 0.2}, {"centre": at, "radius": 0.12}]
+    return _set(robot, posed, {"boxes": [], "spheres": balls})

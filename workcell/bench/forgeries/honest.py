@@ -1,4 +1,4 @@
-"""Problems without a solution, a certificate of each, and twins of them that have one: what forgeries are made from.
+"""Problems without a solution, with a certificate, and twins that have one: what forgeries are made from.
 
 All stands in documents as files have it, a set of problems (`workcell-ikset/1`) and certificates, so that any checker
 can be handed them.
@@ -73,24 +73,46 @@ def sealed(document: dict[str, Any]) -> dict[str, Any]:
     return document
 
 
-@lru_cache(maxsize=1)
+NAMES = (
+    "reach/seven",
+    "last_link/seven",
+    "farkas/seven",
+    "cidgik/seven",
+    "branch/limits/seven",
+    "branch/obstacles/seven",
+    "reach/six",
+    "last_link/six",
+    "farkas/six",
+    "cidgik/six",
+    "branch/limits/six",
+    "branch/obstacles/six",
+    "cidgik/obstacles/six",
+)
+"""The cases: one or more of every kind of proof."""
+
+
 def cases() -> tuple[Case, ...]:
-    """One case or more of every kind of proof, made once."""
-    seven, six = _arm(7), _arm(6)
-    found = []
-    for robot, tag in ((seven, "seven"), (six, "six")):
-        q = np.linspace(0.3, -0.4, len(robot["joints"]))
-        far, walled, pinned = _far(robot, q, 2.4), _walled(robot, q), _pinned(robot, q)
-        found += [
-            _case(f"reach/{tag}", far, q, prove_impossible),
-            _case(f"last_link/{tag}", pinned, q, prove_impossible),
-            _case(f"farkas/{tag}", _far(robot, q, 1.6), q, _by_ikspark),
-            _case(f"cidgik/{tag}", far, q, prove_cidgik),
-            _case(f"branch/limits/{tag}", _beyond_limits(robot), q, _by_branch),
-            _case(f"branch/obstacles/{tag}", walled, q, _by_branch),
-        ]
-    found.append(_case("cidgik/obstacles", _ball_in_the_way(six), np.linspace(0.3, -0.4, 6), prove_cidgik))
-    return tuple(found)
+    """All of them."""
+    return tuple(case(name) for name in NAMES)
+
+
+@lru_cache(maxsize=len(NAMES))
+def case(name: str) -> Case:
+    """One of `NAMES`, made once."""
+    kind, _, arm = name.rpartition("/")
+    robot = _arm(7 if arm == "seven" else 6)
+    q = np.linspace(0.3, -0.4, len(robot["joints"]))
+    makers: dict[str, tuple[Callable[[], dict[str, Any]], Callable[[IKProblem], Certificate | None]]] = {
+        "reach": (lambda: _far(robot, q, 2.4), prove_impossible),
+        "last_link": (lambda: _pinned(robot, q), prove_impossible),
+        "farkas": (lambda: _far(robot, q, 1.6), _by_ikspark),
+        "cidgik": (lambda: _far(robot, q, 2.4), prove_cidgik),
+        "branch/limits": (lambda: _beyond_limits(robot), _by_branch),
+        "branch/obstacles": (lambda: _walled(robot, q), _by_branch),
+        "cidgik/obstacles": (lambda: _ball_in_the_way(robot), prove_cidgik),
+    }
+    make, prove = makers[kind]
+    return _case(name, make(), q, prove)
 
 
 def _case(

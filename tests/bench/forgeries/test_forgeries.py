@@ -18,15 +18,15 @@ from workcell.ik.registry import PROOFS
 def test_there_is_a_case_of_every_kind_of_proof() -> None:
     kinds = {case.certificate["kind"] for case in cases()}
     assert kinds == set(PROOFS) - {"farkas", "cidgik"}
-    assert {case.certificate["scope"] for case in cases()} == {"kinematics", "geometry"}
+    assert {case.certificate["scope"] for case in cases()} == {"kinematics", "geometry", "solution"}
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_honest_certificates_hold_where_they_belong_and_nowhere_else(name: str) -> None:
     case = made(name)
-    assert refusal(case.problem(False), json.dumps(case.certificate)) is None
-    assert "another problem" in str(refusal(case.problem(True), json.dumps(case.certificate)))
-    assert refusal(case.problem(True), json.dumps(case.borrowed())) is not None
+    assert refusal(case.problem(own=True), json.dumps(case.certificate)) is None
+    assert "another problem" in str(refusal(case.problem(own=False), json.dumps(case.certificate)))
+    assert refusal(case.problem(own=False), json.dumps(case.borrowed())) is not None
 
 
 def test_of_hundreds_of_forgeries_none_is_accepted_and_none_ends_in_an_error() -> None:
@@ -44,7 +44,7 @@ def test_the_same_seed_forges_the_same() -> None:
 @pytest.mark.parametrize("name", [name for name in NAMES if "six" in name])
 def test_no_number_of_any_array_can_be_replaced_by_what_is_none(name: str) -> None:
     case = made(name)
-    problem, document = case.problem(False), case.certificate
+    problem, document = case.problem(own=True), case.certificate
     for array, entry in document["data"].items():
         if not entry["values"]:
             continue
@@ -67,7 +67,7 @@ def test_a_ray_of_nothing_but_a_trace_proves_nothing() -> None:
             for other in ("axes", "position", "limits", "chords"):
                 document["data"][other]["values"] = [0.0] * len(document["data"][other]["values"])
             document["data"][name]["values"][-1] = trace
-            assert refusal(case.problem(True), json.dumps(document)) is not None
+            assert refusal(case.problem(own=False), json.dumps(document)) is not None
 
 
 def test_multipliers_of_what_is_zero_anyway_prove_nothing() -> None:
@@ -80,7 +80,7 @@ def test_multipliers_of_what_is_zero_anyway_prove_nothing() -> None:
         axes = np.zeros((7, 3))
         axes[0] = rng.standard_normal(3)
         document["data"]["axes"]["values"] = axes.ravel().tolist()
-        assert "margin -" in str(refusal(case.problem(True), json.dumps(document)))
+        assert "margin -" in str(refusal(case.problem(own=False), json.dumps(document)))
 
 
 def test_every_change_changes_something() -> None:

@@ -1,4 +1,4 @@
-"""Problems without a solution, with a certificate, and twins that have one: what forgeries are made from.
+"""Problems, certificates of them, and twins of which these are false: what forgeries are made from.
 
 All stands in documents as files have it, a set of problems (`workcell-ikset/1`) and certificates, so that any checker
 can be handed them.
@@ -22,6 +22,7 @@ from workcell.ik.elementary.bounds import prove_impossible
 from workcell.ik.ikspark.solver import solve_ikspark
 from workcell.ik.judge.verify import verify
 from workcell.ik.problem import Budget, IKProblem
+from workcell.ik.solution.issue import certify_solution
 from workcell.pose import Array, Pose
 from workcell.sets.problems import FORMAT, parse_problem_set
 
@@ -32,27 +33,27 @@ _AWAY = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A certificate, the problem that it is about, and a problem of the same form that has a solution.
+    """A certificate, the problem that it is about, and a problem of the same form of which its claim is false.
 
     Attributes:
         name: what the proof rests on.
-        impossible, solvable: sets of one problem each, as documents.
-        certificate: as a document; it holds of the impossible problem.
+        own, twin: sets of one problem each, as documents: of the twin the certificate's claim is false.
+        certificate: as a document; it holds of its own problem.
     """
 
     name: str
-    impossible: dict[str, Any]
-    solvable: dict[str, Any]
+    own: dict[str, Any]
+    twin: dict[str, Any]
     certificate: dict[str, Any]
 
-    def problem(self, solvable: bool) -> IKProblem:
+    def problem(self, *, own: bool) -> IKProblem:
         """The problem of one of the sets."""
-        return _problem(self.solvable if solvable else self.impossible)
+        return _problem(self.own if own else self.twin)
 
     def borrowed(self) -> dict[str, Any]:
-        """The certificate as one who forges hands it in for the solvable twin: with that problem's hash."""
+        """The certificate as one who forges hands it in for the twin: with that problem's hash."""
         document = copy.deepcopy(self.certificate)
-        document["problem_hash"] = problem_hash(self.problem(True))
+        document["problem_hash"] = problem_hash(self.problem(own=False))
         return document
 
 
@@ -87,6 +88,8 @@ NAMES = (
     "branch/limits/six",
     "branch/obstacles/six",
     "cidgik/obstacles/six",
+    "solution/seven",
+    "solution/six",
 )
 """The cases: one or more of every kind of proof."""
 
@@ -111,25 +114,39 @@ def case(name: str) -> Case:
         "branch/obstacles": (lambda: _walled(robot, q), _by_branch),
         "cidgik/obstacles": (lambda: _ball_in_the_way(robot), prove_cidgik),
     }
+    if kind == "solution":
+        return _solved(name, _pinned(robot, q), q)
     make, prove = makers[kind]
     return _case(name, make(), q, prove)
+
+
+def _solved(name: str, impossible: dict[str, Any], q: Array) -> Case:
+    """A solution of a problem whose twin has none."""
+    possible = _with_solution(impossible, q)
+    certificate = certify_solution(_problem(possible), q)
+    assert certificate is not None and len(certificate.data["joints"]), name
+    return Case(name, possible, impossible, certificate.to_json())
 
 
 def _case(
     name: str, impossible: dict[str, Any], q: Array, prove: Callable[[IKProblem], Certificate | None]
 ) -> Case:
-    problem = _problem(impossible)
-    certificate: Certificate | None = prove(problem)
+    certificate = prove(_problem(impossible))
     assert certificate is not None, name
-    twin = copy.deepcopy(impossible)
-    posed = problem.robot.fk(np.clip(q, problem.robot.lower, problem.robot.upper))
-    entry = twin["problems"][0]
+    return Case(name, impossible, _with_solution(impossible, q), certificate.to_json())
+
+
+def _with_solution(impossible: dict[str, Any], q: Array) -> dict[str, Any]:
+    """The same with q as a solution, or what is nearest to it within the limits, and the obstacles away."""
+    twin, robot = copy.deepcopy(impossible), _problem(impossible).robot
+    q = np.clip(q, robot.lower, robot.upper)
+    posed, entry = robot.fk(q), twin["problems"][0]
     entry["target"] = {"xyz": posed.position.tolist(), "quat": posed.quat_wxyz.tolist()}
     for pieces in entry["obstacles"].values():
         for piece in pieces:
             piece["centre"] = [piece["centre"][0], piece["centre"][1], piece["centre"][2] - _AWAY]
-    assert verify(_problem(twin), np.clip(q, problem.robot.lower, problem.robot.upper)).accepted, name
-    return Case(name, impossible, twin, certificate.to_json())
+    assert verify(_problem(twin), q).accepted
+    return twin
 
 
 def _by_branch(problem: IKProblem) -> Certificate | None:

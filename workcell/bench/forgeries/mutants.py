@@ -254,7 +254,7 @@ CHANGES: dict[str, Change] = {
         )
     },
 }
-"""All of them by name; `nothing` hands in the certificate of the problem that has no solution."""
+"""All of them by name; `nothing` hands in the certificate of another problem."""
 
 
 def forged(document: Document, change: str, rng: np.random.Generator, others: Sequence[Document]) -> str:

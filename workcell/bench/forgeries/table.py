@@ -21,7 +21,7 @@ from workcell.ik.check import check_certificate
 from workcell.ik.problem import IKProblem
 
 CLAIMS = 0.15
-"""Share of forgeries that are handed in for the problem without a solution, and claim more than is proved of it."""
+"""Share of forgeries that are handed in for the problem that they hold of, and claim more than is proved of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,13 +31,14 @@ class Forgery:
     Attributes:
         case: what it was made from.
         change: how.
-        solvable: whether it is handed in for the twin that has a solution; else what it claims is false.
+        own: whether it is handed in for the problem that it was made for, claiming more than is proved of it; else for
+            the twin, of which all of it is false.
         text: the certificate's file.
     """
 
     case: Case
     change: str
-    solvable: bool
+    own: bool
     text: str
 
 
@@ -49,10 +50,10 @@ def forgeries(n: int, seed: int) -> Iterator[Forgery]:
     for k in range(n):
         case, change = every[k % len(every)], changes[(k // len(every)) % len(changes)]
         if rng.random() < CLAIMS:
-            yield Forgery(case, "a_claim", False, json.dumps(_claimed(case, rng)))
+            yield Forgery(case, "a_claim", True, json.dumps(_claimed(case, rng)))
             continue
         others = [document for j, document in enumerate(borrowed) if j != k % len(every)]
-        yield Forgery(case, change, True, forged(borrowed[k % len(every)], change, rng, others))
+        yield Forgery(case, change, False, forged(borrowed[k % len(every)], change, rng, others))
 
 
 def _claimed(case: Case, rng: np.random.Generator) -> Document:
@@ -87,14 +88,12 @@ def forgery_rows(n: int, seed: int, sets: Path | None) -> list[Row]:
     tried, accepted, crashed = Counter[str](), Counter[str](), Counter[str]()
     first: dict[str, str] = {}
     spent: dict[str, float] = {}
-    problems = {
-        (case.name, solvable): case.problem(solvable) for case in cases() for solvable in (True, False)
-    }
+    problems = {(case.name, own): case.problem(own=own) for case in cases() for own in (True, False)}
     for forgery in forgeries(n, seed):
         kind = str(forgery.case.certificate["kind"])
         started = time.process_time()
         try:
-            reason = refusal(problems[forgery.case.name, forgery.solvable], forgery.text)
+            reason = refusal(problems[forgery.case.name, forgery.own], forgery.text)
         except Exception as error:  # whatever it is, it is no answer
             reason, crashed[kind] = repr(error), crashed[kind] + 1
             first.setdefault(kind, f"{forgery.change}: {error!r}")

@@ -62,6 +62,22 @@ def replaceable(path: Path) -> Path:
     return path.resolve() if path.is_symlink() else path
 
 
+def regular_bytes(path: Path) -> bytes:
+    """All bytes of a plain file.
+
+    Raises:
+        OSError: it can't be read, or a folder, a device or a pipe stands there, which might never end.
+    """
+    import stat
+
+    # opened without waiting, so that a pipe that nobody writes to doesn't hold us up
+    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
+    with os.fdopen(handle, "rb") as file:
+        if not stat.S_ISREG(os.fstat(handle).st_mode):
+            raise OSError(errno.EINVAL, "a device or a pipe stands there, not a plain file")
+        return file.read()
+
+
 def check_writable(path: str | Path) -> None:
     """Raise OutputError now, rather than after the work, when a file can't be written there."""
     path = Path(path)

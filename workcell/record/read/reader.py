@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,9 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.errors import RecordingError
+from workcell.files import regular_bytes
 from workcell.pose import Array
-from workcell.record.write.rrd import TIME, rerun
-from workcell.record.write.rrd_frames import DATA, MAGIC, STORE_INFO, split_frames
+from workcell.record.read.child import Decoded, UnreadableError, decode
+from workcell.record.read.vouched import Vouched, may_be_seal, vouched
+from workcell.record.write import seal
+from workcell.record.write.rrd_frames import DATA, MAGIC, STORE_INFO, Frames, split_frames
 
 
 @dataclass(slots=True)
@@ -83,6 +85,7 @@ class Contents:
         application: who wrote it; ours is `workcell`.
         entities: by path without the leading slash.
         has_blueprint: whether the file says how to show itself.
+        sealed: whether seals in the file vouch for it, but for what is missing; older recordings have none.
         missing: what could not be read, in words; empty for a whole file.
     """
 
@@ -91,6 +94,7 @@ class Contents:
     application: str
     entities: dict[str, Entity]
     has_blueprint: bool
+    sealed: bool
     missing: tuple[str, ...]
 
     def below(self, prefix: str) -> dict[str, Entity]:
@@ -106,7 +110,7 @@ def read(path: str | Path) -> Contents:
     """
     path = Path(path)
     try:
-        data = path.read_bytes()
+        data = regular_bytes(path)
     except OSError as error:
         raise RecordingError(
             f"the recording can't be opened: {error.strerror}",
@@ -119,91 +123,121 @@ def read(path: str | Path) -> Contents:
             f"this is not an .rrd recording: {start}", where=path, remedy="give the path of an .rrd file"
         )
     version = ".".join(str(byte) for byte in data[4:7]) if len(data) > 6 else "of an unknown version"
-    missing: list[str] = []
-    try:
-        store, blueprint, chunks = _read_whole(path)
-    except Exception:  # every damage surfaces as another exception of the reader's native code
-        store, blueprint, chunks = _salvage(data, missing)
-    if store is None:
+    whole = split_frames(data)
+    with tempfile.TemporaryDirectory() as folder:
+        found, said = _found(path, Path(folder) / "part.rrd", whole)
+    parts = [part for _, part in found if part is not None]
+    missing = [*said.damage, *_lost(found, whole, len(data))]
+    application = next((part.application for part in parts if part.application is not None), None)
+    if application is None or not any(part.pieces for part in parts):
         raise RecordingError(
             "nothing in this recording can be read: " + ("; ".join(missing) or "it holds no data"),
             where=path,
-            remedy=f"it was written by Rerun {version}, this is Rerun {rerun().__version__}; record the run again",
+            remedy=f"it was written by Rerun {version}, this is Rerun {rerun_version()}; record the run again",
         )
-    if not split_frames(data).indexed:
+    if not whole.indexed:
         missing.insert(
             0,
             "the file was not finished: the run was stopped before it closed its recording, or the end is cut off",
         )
     entities: dict[str, Entity] = {}
-    for chunk in chunks:
-        _add(entities, chunk)
-    return Contents(path, version, store, entities, blueprint, tuple(missing))
+    counts: dict[str, int] = {}
+    for piece in (piece for part in parts for piece in part.pieces if piece.path != seal.ENTITY):
+        entity = entities.setdefault(piece.path, Entity())
+        for name, column in piece.columns.items():
+            entity.add(name, piece.times, column)
+        if piece.times is not None:
+            counts[piece.path] = counts.get(piece.path, 0) + len(piece.times)
+    missing += [
+        f"{rows - counts.get(entity, 0)} of {rows} rows of {entity}"
+        for entity, rows in said.rows.items()
+        if counts.get(entity, 0) != rows
+    ]
+    if said.sealed and said.unknown:
+        missing.append(f"no seal vouches for {len(said.unknown)} of its blocks")
+    blueprint = any(part.has_blueprint for part in parts)
+    return Contents(path, version, application, entities, blueprint, said.sealed, tuple(missing))
 
 
-def _read_whole(path: Path) -> tuple[str | None, bool, list[Any]]:
-    """(application, has a blueprint, chunks), all of them, or an exception."""
-    rerun()
-    from rerun.chunk import RrdReader
+def rerun_version() -> str:
+    """The version of Rerun that reads."""
+    from importlib.metadata import version
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a file without an index is called a legacy file
-        reader = RrdReader(path)
-        stores = reader.recordings()
-        if not stores:
-            return None, False, []
-        batches = [(chunk, chunk.to_record_batch()) for chunk in reader.stream(store=stores[0])]
-        return stores[0].application_id, bool(reader.blueprints()), batches
+    return version("rerun-sdk")
 
 
-def _salvage(data: bytes, missing: list[str]) -> tuple[str | None, bool, list[Any]]:
-    """What the whole frames of a damaged file hold."""
-    whole = split_frames(data)
-    if whole.rest:
-        missing.append(f"the last {whole.rest} of {len(data)} bytes are cut off or damaged")
-    head = whole.header + b"".join(frame for kind, frame in whole.frames if kind == STORE_INFO)
-    bodies = [frame for kind, frame in whole.frames if kind == DATA]
-    with tempfile.TemporaryDirectory() as folder:
-        scratch = Path(folder) / "part.rrd"
-        parts = list(_readable_parts(scratch, head, bodies))
-    damaged = sum(count for count, part in parts if part is None)
-    if damaged:
-        missing.append(f"{damaged} of {len(bodies)} blocks of data are damaged")
-    good = [part for _, part in parts if part is not None]
-    chunks = [chunk for part in good for chunk in part[2]]
-    application = next((part[0] for part in good if part[0] is not None), None)
-    return (application if chunks else None), any(part[1] for part in good), chunks
+Found = list[tuple[int, Decoded | None]]
+"""Numbers of blocks, and what they hold, or None where they can't be read."""
 
 
-def _readable_parts(scratch: Path, head: bytes, bodies: list[bytes]) -> Iterator[tuple[int, Any]]:
-    """Reads blocks together; where that fails, each half apart. Yields (blocks, what they hold or None)."""
+def _found(path: Path, scratch: Path, whole: Frames) -> tuple[Found, Vouched]:
+    """What can be read of a file, and what its seals say of it.
+
+    Blocks that are not as they were written are not shown to Rerun at all, where seals tell.
+    """
+    said = vouched(whole, _seal_texts(scratch, whole))
+    try:
+        if not said.sealed or (said.finished and not said.damage):
+            return [(len(whole.frames), decode(path))], said
+    except UnreadableError:
+        pass
+    found: Found = []
+    head = _head(whole)
+    for blocks in (said.good, said.unknown):
+        found += _readable(scratch, head, [frame for kind, frame in blocks if kind == DATA])
+    return found, said
+
+
+def _head(whole: Frames) -> bytes:
+    """What says whose the blocks are: at the beginning, so that what was added later takes nothing over."""
+    first = next((k for k, (kind, _) in enumerate(whole.frames) if kind == DATA), 0)
+    stores = [frame for kind, frame in whole.frames[:first] if kind == STORE_INFO]
+    return whole.header + b"".join(stores or [frame for kind, frame in whole.frames if kind == STORE_INFO])
+
+
+def _seal_texts(scratch: Path, whole: Frames) -> list[str | None]:
+    """The texts of the blocks that may be seals, None for those that can't be read."""
+    head = _head(whole)
+    blocks = [block for block in whole.frames if may_be_seal(block)]
+    together = _texts(scratch, head + b"".join(frame for _, frame in blocks))
+    if len(together) == len(blocks):
+        return together
+    apart = [_texts(scratch, head + frame) for _, frame in blocks]
+    return [texts[0] if len(texts) == 1 else None for texts in apart]
+
+
+def _texts(scratch: Path, data: bytes) -> list[str | None]:
+    scratch.write_bytes(data)
+    try:
+        pieces = decode(scratch).pieces
+    except UnreadableError:
+        return []
+    columns = [piece.columns.get("TextDocument:text") for piece in pieces]
+    return [str(column[0][0]) if column is not None and len(column) == 1 else None for column in columns]
+
+
+def _readable(scratch: Path, head: bytes, bodies: list[bytes]) -> Iterator[tuple[int, Decoded | None]]:
+    """Reads blocks together; where that fails, each half apart."""
     if not bodies:
         return
     scratch.write_bytes(head + b"".join(bodies))
     try:
-        yield len(bodies), _read_whole(scratch)
+        yield len(bodies), decode(scratch)
         return
-    except Exception:
+    except UnreadableError:
         if len(bodies) == 1:
             yield 1, None
             return
     middle = len(bodies) // 2
-    yield from _readable_parts(scratch, head, bodies[:middle])
-    yield from _readable_parts(scratch, head, bodies[middle:])
+    yield from _readable(scratch, head, bodies[:middle])
+    yield from _readable(scratch, head, bodies[middle:])
 
 
-def _add(entities: dict[str, Entity], chunk: Any) -> None:
-    header, batch = chunk
-    entity = entities.setdefault(header.entity_path.strip("/"), Entity())
-    times = None
-    if not header.is_static:
-        if TIME not in batch.schema.names:
-            return
-        times = batch.column(TIME).cast("int64").to_numpy(zero_copy_only=False) / 1e9
-    indexes = {*header.timeline_names, "rerun.controls.RowId"}
-    for name in batch.schema.names:
-        if name not in indexes:
-            entity.add(name, times, batch.column(name))
+def _lost(found: Found, whole: Frames, size: int) -> list[str]:
+    """What Rerun's reader could make nothing of, in words."""
+    words = [f"the last {whole.rest} of {size} bytes are cut off or damaged"] if whole.rest else []
+    lost, all_of_them = sum(count for count, part in found if part is None), sum(count for count, _ in found)
+    return [*words, f"{lost} of {all_of_them} blocks of data are damaged"] if lost else words
 
 
 def _plain(array: Any) -> Any:

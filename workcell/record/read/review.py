@@ -20,6 +20,8 @@ from workcell.record.write.scene_log import FORMAT
 
 ACHIEVED, NOT_ACHIEVED, INCOMPLETE = "achieved", "not achieved", "incomplete"
 
+_UNSEALED = 1
+"""The layout that had no seals."""
 _STOPPED = ("INTERRUPTED", "ERROR")
 _GRASP = re.compile(r"\b(grasp|held)", re.IGNORECASE)
 _MOVED_M = 0.01
@@ -60,6 +62,7 @@ class Review:
         duration: simulated seconds.
         inventory: entity path to (components, rows over time).
         missing: what the file lacks or could not be read.
+        checked: whether seals vouch for all that the file holds; False for the first layout, which had none.
         series, stage: the numbers and the geometry, for plots and pictures.
     """
 
@@ -77,6 +80,7 @@ class Review:
     duration: float
     inventory: Mapping[str, tuple[tuple[str, ...], int]]
     missing: tuple[str, ...]
+    checked: bool
     series: Mapping[str, Series]
     stage: Stage
 
@@ -103,6 +107,7 @@ class Review:
             "task": self.task,
             "verdict": self.verdict,
             "reason": self.reason,
+            "checked": self.checked,
             "duration_s": self.duration,
             "checks": [asdict(check) for check in self.checks],
             "metrics": [asdict(row) for row in self.metrics],
@@ -133,7 +138,11 @@ def review(path: str | Path) -> Review:
         )
     missing = list(contents.missing)
     result, manifest = _document(contents, "result", missing), _document(contents, "manifest", missing)
-    if manifest.get("format") not in (None, FORMAT):
+    layout = manifest.get("format")
+    if not contents.sealed and layout != _UNSEALED:
+        missing.insert(0, "no seal in this file is as it was written")
+    damaged = bool(contents.missing) or (not contents.sealed and layout != _UNSEALED)
+    if layout not in (None, FORMAT, _UNSEALED):
         missing.append(
             f"the layout of this file is version {manifest['format']}, this reads version {FORMAT}"
         )
@@ -144,7 +153,11 @@ def review(path: str | Path) -> Review:
     if not metrics:
         missing.append("no metrics")
     checks = _checks(result, metrics, objects, events)
-    verdict, reason = _verdict(result, checks, damaged=bool(contents.missing))
+    verdict, reason = _verdict(result, checks, damaged=damaged)
+    if not contents.sealed and not damaged:
+        reason += (
+            "; unchecked: this is a recording of the first layout, which nothing in the file vouches for"
+        )
     last = [float(times[-1]) for times in [stage.times, *(s.times for s in series.values())] if len(times)]
     duration = max(last, default=0.0)
     inventory = {p: (tuple(e.components()), e.rows()) for p, e in sorted(contents.entities.items())}
@@ -163,6 +176,7 @@ def review(path: str | Path) -> Review:
         duration=duration,
         inventory=inventory,
         missing=tuple(missing),
+        checked=contents.sealed and not damaged,
         series=series,
         stage=stage,
     )
@@ -208,11 +222,14 @@ def _checks(
 ) -> tuple[Check, ...]:
     rows = {row.name: row for row in metrics}
     checks = []
+    for name, claim in (("clearance", "min_clearance_m"), ("tracking_error", "max_tracking_error_m")):
+        if result.get(claim) is not None and name not in rows:
+            checks.append(Check("evidence", False, f"the run claims a {claim}, the recording has no {name}"))
     if (clearance := rows.get("clearance")) is not None:
         where = f"smallest clearance {1e3 * clearance.minimum:.2f} mm at {clearance.time_of_minimum:.2f} s"
         checks.append(Check("clearance", clearance.minimum >= 0.0, where))
         claimed = result.get("min_clearance_m")
-        if isinstance(claimed, (int, float)) and clearance.minimum < claimed - _AGREEMENT_M:
+        if isinstance(claimed, (int, float)) and not clearance.minimum >= claimed - _AGREEMENT_M:
             text = (
                 f"the run claims {1e3 * claimed:.2f} mm, the recording shows {1e3 * clearance.minimum:.2f} mm"
             )
@@ -223,6 +240,12 @@ def _checks(
         bounded = isinstance(limit, (int, float))
         text += f", {1e3 * float(limit or 0.0):.2f} mm allowed" if bounded else ""
         checks.append(Check("tracking", not bounded or tracking.maximum <= float(limit or 0.0), text))
+        claimed = result.get("max_tracking_error_m")
+        if isinstance(claimed, (int, float)) and not tracking.maximum <= claimed + _AGREEMENT_M:
+            text = (
+                f"the run claims {1e3 * claimed:.3f} mm, the recording shows {1e3 * tracking.maximum:.3f} mm"
+            )
+            checks.append(Check("claimed tracking", False, text))
     # what is said before anything moves is about the plan
     if (
         any(line.time > 0 and line.level == "INFO" and _GRASP.search(line.text) for line in events)

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from workcell.errors import OutputError
 from workcell.pose import Array, Pose, to_xyzw
 from workcell.record.shapes import Shape
+from workcell.record.write import seal
 from workcell.record.write.archetypes import archetype_of, colour_bytes
-from workcell.record.write.rrd_frames import STORE_INFO, split_frames
+from workcell.record.write.rrd_frames import DATA, STORE_INFO, split_frames, with_block
 
 APPLICATION = "workcell"
 TIME, STEP, SOLVER_STEP = "sim_time", "step", "solver_step"
@@ -62,7 +63,8 @@ class RrdWriter:
     """One open `.rrd` file. Everything logged before a `flush` is on disk after it.
 
     Rerun encodes and this class writes, so that a disk that is full is noticed at once and by name. Until `finish`
-    the file has no index: it is readable to the last flush, whatever becomes of the process.
+    the file has no index: it is readable to the last flush, whatever becomes of the process. Each flush ends with a
+    seal (see `seal.py`), and so does the finished file.
 
     Args:
         path: the file; an existing one is replaced.
@@ -81,6 +83,7 @@ class RrdWriter:
         self._encoded = self._stream.binary_stream()
         self._blueprint: Any = None
         self._announced: set[bytes] = set()
+        self._chain: seal.Chain | None = None
         with writing(path):
             self._file = path.open("wb", buffering=0)
 
@@ -92,13 +95,25 @@ class RrdWriter:
     def flush(self) -> None:
         """Hands everything logged so far to the operating system."""
         part = split_frames(self._encoded.read(flush=True) or b"")
-        pieces = [] if self._announced else [part.header]
-        for kind, frame in part.frames:
-            if kind != STORE_INFO or frame not in self._announced:  # every part says again what it belongs to
-                pieces.append(frame)
-            if kind == STORE_INFO:
-                self._announced.add(frame)
+        if not part.frames:
+            return
+        pieces = []
+        if self._chain is None:
+            self._chain = seal.Chain.begin(part.header)
+            pieces.append(part.header)
+        blocks = [frame for kind, frame in part.frames if self._is_news(kind, frame)]
+        if blocks:
+            for block in blocks:
+                self._chain.add(block)
+            pieces += [*blocks, self._chain.sealed(lambda text: _sealing(self._stream, self._encoded, text))]
         self._write(b"".join(pieces))
+
+    def _is_news(self, kind: int, frame: bytes) -> bool:
+        """Every part says again what it belongs to."""
+        known = kind == STORE_INFO and frame in self._announced
+        if kind == STORE_INFO:
+            self._announced.add(frame)
+        return not known
 
     def _write(self, data: bytes) -> None:
         with writing(self.path):
@@ -130,14 +145,26 @@ class RrdWriter:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a file without an index is called a legacy file
             chunks = RrdReader(self.path).stream().collect().stream().to_chunks()
+        chunks = [chunk for chunk in chunks if chunk.entity_path.strip("/") != seal.ENTITY]
         stream = self._rr.RecordingStream(APPLICATION, recording_id=self._recording_id, send_properties=False)
         encoded = stream.binary_stream()
         if self._blueprint is not None:
             stream.send_blueprint(self._blueprint, make_active=True, make_default=True)
         stream.send_chunks(chunks)
         data: bytes = encoded.read(flush=True)
+        whole = split_frames(data)
+        chain = seal.Chain.begin(whole.header)
+        for _, block in whole.frames:
+            chain.add(block)
+        rows: dict[str, int] = {}
+        for chunk in chunks:
+            if not chunk.is_static:
+                path = chunk.entity_path.strip("/")
+                rows[path] = rows.get(path, 0) + chunk.num_rows
+        index = seal.digest(whole.index_alone)
+        block = chain.sealed(lambda text: _sealing(stream, encoded, text), index=index, rows=rows)
         stream.disconnect()
-        return data
+        return with_block(data, block)
 
     def log(self, path: str, *archetypes: Any) -> None:
         """Static data: true at all times."""
@@ -276,6 +303,15 @@ class RrdWriter:
         if len(indexes) == 3:
             index.append(rr.TimeColumn(SOLVER_STEP, sequence=indexes[2]))
         self._stream.send_columns(path, indexes=index, columns=columns)
+
+
+def _sealing(stream: Any, encoded: Any, text: str) -> bytes:
+    """The one block of a text document at the entity of seals."""
+    stream.log(seal.ENTITY, rerun().TextDocument(text, media_type="application/json"), static=True)
+    part = split_frames(encoded.read(flush=True) or b"")
+    blocks = [frame for kind, frame in part.frames if kind == DATA]
+    assert len(blocks) == 1
+    return blocks[0]
 
 
 Indexes = tuple[Array, NDArray[np.int64]] | tuple[Array, NDArray[np.int64], NDArray[np.int64]]

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
     from workcell.world.planning_world import PlanningWorld
 
-FORMAT = 1
-"""Version of the entity layout, stored in the manifest."""
+FORMAT = 2
+"""Version of the layout, stored in the manifest; the first had no seals (see `seal.py`)."""
 
 JOINT_POSITIONS = "joint_positions"
 

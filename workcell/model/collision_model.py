@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError, ModelError
+from workcell.model.judge.contacts import deepest_contact
 from workcell.model.judge.distances import TOLERANCE, judge_model
 from workcell.model.judge.pairs import colliding_pairs
 from workcell.model.judge.solids import SIGNED_FIELD
@@ -171,6 +172,16 @@ class CollisionModel:
                 best, nearest = distance, (a, b)
                 points = self._fromto.reshape(2, 3).copy()
         return Distance(float(best), self._names(nearest), points, nearest)
+
+    def contact(self, q: ArrayLike) -> Distance | None:
+        """What MuJoCo's own collision pipeline has in contact at `q` (n,), deeper than `tolerance`; None: nothing.
+
+        A second opinion beside `distance`, for what is to be accepted.
+        """
+        self._data.qpos[:] = self.full_qpos(q)
+        self._mujoco.mj_kinematics(self._model, self._data)
+        found = deepest_contact(self._judge, self._data, self._pairs)
+        return None if found is None else Distance(found[0], self._names(found[1]), found[2], found[1])
 
     def excess(self, q: ArrayLike, moved: Array, *, limit: float = 10.0) -> tuple[float, Distance]:
         """By how much every pair's distance at `q` (n,) exceeds how far its links may move; the pair with the least.

@@ -33,8 +33,10 @@ class ModelClearance:
     collision: CollisionModel
 
     def __call__(self, q: Array) -> Clearance:
-        """Smallest signed distance at a configuration (n,)."""
+        """Smallest signed distance at a configuration (n,); where MuJoCo's contacts say otherwise, they hold."""
         found = self.collision.distance(q)
+        if found.distance >= 0.0:
+            found = self.collision.contact(q) or found
         return Clearance(found.distance, found.pair)
 
     def self_pairs(

@@ -35,6 +35,7 @@ class JudgeModel:
 
     Attributes:
         model: the copy. Its geoms, bodies, sites and positions are those of the original.
+        name: of the model, for messages.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -42,6 +43,7 @@ class JudgeModel:
 
         self._mujoco = mujoco
         self.model = copy.copy(model)
+        self.name = str(model.names[: model.names.find(b"\0")].decode(errors="replace"))
         option = self.model.opt
         for name in _CLEARED:
             option.disableflags &= ~int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}"))

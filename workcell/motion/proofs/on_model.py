@@ -130,6 +130,8 @@ def prove_path(
     collision = _compiled_model(checker)
     look = _look(path.robot, checker, collision, extent)
     edges = _first_edges(path) if collision is not None else [0.0, float(len(path) - 1)]
+    if collision is not None and (touched := _contact_on(path, collision)) is not None:
+        return touched
     return prove_by_halving(
         path,
         look,
@@ -187,6 +189,16 @@ def prove_by_halving(
 def _compiled_model(checker: Checker) -> CollisionModel | None:
     """The model behind the `clearance` of a scene's world; None: the checker can only be called."""
     return checker.collision if isinstance(checker, ModelClearance) else None
+
+
+def _contact_on(path: Path, collision: CollisionModel) -> Proof | None:
+    """That a path is not clear, where MuJoCo itself has something in contact at one of its waypoints."""
+    for k, q in enumerate(path.configurations):
+        met = collision.contact(q)
+        if met is not None:
+            found = Clearance(met.distance, met.pair)
+            return Proof(False, -np.inf, found, float(k), _words(found, 0.0), k + 1)
+    return None
 
 
 def _first_edges(path: Path) -> list[float]:

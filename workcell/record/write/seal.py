@@ -1,4 +1,4 @@
-"""Seals of a recording: a chain of hashes over its blocks, and how far it went."""
+"""Seals of a recording: a chain of hashes over its blocks, and how far it went.
 
 A seal is a block like any other, at the entity `seal`: how many blocks stand before it, the chain's value after them,
 the hashes of those since the seal before it and, in a finished file, the hash of its index and how many rows every

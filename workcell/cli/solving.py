@@ -1,4 +1,4 @@
-"""`ik`, `solve`, `verify` and `bench`: questions, answers, and whether they hold."""
+"""`ik`, `solve` and `bench`: questions and answers."""
 
 from __future__ import annotations
 
@@ -143,29 +143,6 @@ def solve(options: argparse.Namespace) -> int:
         if out:
             print(f"wrote {out}")
     return exit_codes.DONE
-
-
-def verify(options: argparse.Namespace) -> int:
-    """Re-check answers or paths; exit 1 when one was refused."""
-    from workcell.sets.paths import PathReport, holds_paths, verify_paths
-    from workcell.sets.problems import load_problem_set
-    from workcell.sets.reports import VerifyReport
-    from workcell.sets.solving import verify_answers
-
-    problem_set, answers = load_problem_set(Path(options.set)), Path(options.answers)
-    report: PathReport | VerifyReport
-    report = (
-        verify_paths(problem_set, answers) if holds_paths(answers) else verify_answers(problem_set, answers)
-    )
-    if options.json:
-        print_json(report.to_json())
-    else:
-        print_table(f"{Path(options.answers).name}", ["", "value"], report.rows())
-        for line in report.refused[:20]:
-            print(f"refused: {line}")
-        if len(report.refused) > 20:
-            print(f"... and {len(report.refused) - 20} more (all of them with --json)")
-    return exit_codes.NOT_ACHIEVED if report.refused else exit_codes.DONE
 
 
 def bench(options: argparse.Namespace) -> int:

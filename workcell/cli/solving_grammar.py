@@ -127,10 +127,18 @@ def _add_verify(commands: Commands) -> None:
         "verify",
         "re-check the answers, certificates and paths of a problem set without any solver",
         "verify sawyer_workcell.json answers.jsonl",
-        late("solving", "verify"),
+        late("verifying", "verify"),
     )
-    verify.add_argument("set", metavar="SET.json")
-    verify.add_argument("answers", metavar="ANSWERS.jsonl", help="what `solve` or `plan` wrote")
+    verify.add_argument(
+        "set", metavar="SET.json", nargs="?", help="the problems; --explain alone does without"
+    )
+    verify.add_argument("answers", metavar="ANSWERS.jsonl", nargs="?", help="what `solve` or `plan` wrote")
+    verify.add_argument(
+        "--explain",
+        metavar="FILE",
+        help="show a certificate, or those of an answer file, in words: what is claimed, by which rule, what it rests "
+        "on; with SET.json, whether it holds",
+    )
     json_option(verify)
 
 

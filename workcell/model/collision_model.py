@@ -109,6 +109,15 @@ class CollisionModel:
         smaller._pair_links = self._links_of(smaller._pairs)
         return smaller
 
+    def between(self, first: Iterable[int], second: Iterable[int]) -> CollisionModel:
+        """The same model with the pairs alone that two groups of bodies (ids) have with each other."""
+        body_of = self._model.geom_bodyid
+        one, two = (np.isin(body_of, list(group))[self._pairs] for group in (first, second))
+        smaller = copy.copy(self)
+        smaller._pairs = self._pairs[(one[:, 0] & two[:, 1]) | (one[:, 1] & two[:, 0])]
+        smaller._pair_links = self._links_of(smaller._pairs)
+        return smaller
+
     @property
     def tolerance(self) -> float:
         """Metres by which distances between convex shapes may be off: MuJoCo's solver stops there."""
@@ -197,11 +206,15 @@ class CollisionModel:
         Returns:
             The least of distance minus motion, and the distance of that pair.
         """
+        motion = moved[self._pair_links[:, 0], self._pair_links[:, 1]]
+        return self.excess_at(self.full_qpos(q), motion, limit=limit)
+
+    def excess_at(self, qpos: ArrayLike, motion: Array, *, limit: float = 10.0) -> tuple[float, Distance]:
+        """The same at raw positions (nq,), where each pair of geoms may come closer by `motion` (p,) metres."""
         data, model = self._data, self._model
-        data.qpos[:] = self.full_qpos(q)
+        data.qpos[:] = qpos
         self._mujoco.mj_kinematics(model, data)
         least, nearest, distance, points = limit, (-1, -1), limit, np.zeros((2, 3))
-        motion = moved[self._pair_links[:, 0], self._pair_links[:, 1]]
         if len(self._pairs) == 0:
             return least, Distance(distance, ("", ""), points)
         near, bounds = self._lower_bounds(limit, motion)
@@ -221,11 +234,12 @@ class CollisionModel:
 
     def _links_of(self, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
         """For pairs of geoms the links (p, 2) that carry them, the lower first; 0 for what stands in the world."""
-        owner = {body: link for link, bodies in enumerate(self.robot.link_body_ids) for body in bodies}
+        owner = np.zeros(self._model.nbody, dtype=np.int64)
+        for link, bodies in enumerate(self.robot.link_body_ids):
+            owner[list(bodies)] = link
         if self._attached is not None:
-            owner |= dict.fromkeys(self._attached.body_ids, self.robot.robot.tool().link)
-        links = [[owner.get(int(self._model.geom_bodyid[g]), 0) for g in pair] for pair in pairs]
-        return np.sort(np.array(links, dtype=np.int64).reshape(-1, 2), axis=1)
+            owner[list(self._attached.body_ids)] = self.robot.robot.tool().link
+        return np.sort(owner[self._model.geom_bodyid[pairs]], axis=1)
 
     def _lower_bounds(self, limit: float, motion: Array | float) -> tuple[NDArray[np.int64], Array]:
         """The pairs that may have the smallest distance less motion, and lower bounds of it.

@@ -173,6 +173,7 @@ class Trajectory:
         robot_name: the robot that moves.
         time: (T,) seconds, from 0, evenly spaced.
         q, qd, qdd: (T, n) positions, velocities and accelerations of the joints; read-only.
+        base: where the robot's base stood when this was planned; None: not known.
     """
 
     robot_name: str
@@ -180,6 +181,7 @@ class Trajectory:
     q: Array
     qd: Array
     qdd: Array
+    base: Pose | None = None
 
     def __post_init__(self) -> None:
         for name in ("time", "q", "qd", "qdd"):

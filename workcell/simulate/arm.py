@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import mujoco
 
 _START_TOLERANCE = 1e-3
+"""Radians or metres that a robot, and its base, may be away from where a trajectory has them at its beginning."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +141,14 @@ class Arm:
         gap = float(np.abs(trajectory.q[0] - self.reference).max())
         if gap > _START_TOLERANCE:
             raise InputError(f"the trajectory begins {gap:.3g} rad away from the robot", where="trajectory")
+        if trajectory.base is not None:
+            away = max(Pose.from_matrix(self.base_matrix(data)).error_to(trajectory.base))
+            if away > _START_TOLERANCE:
+                raise InputError(
+                    f"the base of {self.name} stands {away:.3g} (metres or radians) from where it was planned for",
+                    where="trajectory",
+                    remedy="wait until what carries it rests, or plan from where it stands",
+                )
         return self._reference(data, *discrete_reference(trajectory))
 
     def drive(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from workcell.simulate.arm import Arm
 from workcell.simulate.checks import check_free_hand, checked_motions, checked_seconds, checked_share
 from workcell.simulate.execution import StopReason
 from workcell.simulate.grasp import Hand, Weld, finger_speed
+from workcell.simulate.meeting import Mover, first_meeting
 from workcell.simulate.stepping import Settings, Stepper
 from workcell.simulate.watch import Held, Hold
 
@@ -41,6 +42,7 @@ class Simulation(Stepper):
         arms: the robots in motion, by name.
         model, data: MuJoCo's own, for what no method tells: the copy of the scene's model, and the state now.
         stop: why the run ended early, or None.
+        unproved: for every order under which two robots are not proved clear of each other, who meets whom and when.
 
     Raises:
         UnknownNameError: no such robot, controller, or pushed body; ModelError: motors that are none.
@@ -127,11 +129,14 @@ class Simulation(Stepper):
         """Track a trajectory that begins where the reference stands now, or several at once, one for each robot.
 
         A single trajectory is for the robot that it names, or for the only one. Robots without a trajectory, and those
-        whose trajectory ends before the others', hold their place.
+        whose trajectory ends before the others', hold their place. Where there are several robots, all of them are
+        proved clear of each other first, moving as they are told (`workcell.simulate.meeting`); where that fails the
+        log and `unproved` say so, and who meets whom, and the guards watch.
 
         Raises:
             InputError: no trajectory or two for one robot, a time step that is not the simulation's, another robot's
-                joints, or another start.
+                joints, another start, a base that stands elsewhere than was planned for, or motions at once of a robot
+                and of one that stands on it.
             UnknownNameError: a robot that the scene doesn't have.
         """
         motions = checked_motions(motion, len(self.arms))
@@ -141,10 +146,40 @@ class Simulation(Stepper):
             references[one.name] = one.follow(trajectory, self.timestep, self.data)
         if self.stop is not None:
             return False
+        self._check_meeting({name: reference.q for name, reference in references.items()})
         steps = max(len(trajectory) for trajectory in motions)
         if label:
             self.log(f"{label}: {(steps - 1) * self.timestep:.2f} s")
-        return self._run(references, steps)
+        ordered = {
+            self.arm(trajectory.robot_name if len(self.arms) > 1 else None).name for trajectory in motions
+        }
+        self._anchored = self._bases_at_rest(ordered)
+        done = self._run(references, steps)
+        self._anchored = {}
+        return done
+
+    def _bases_at_rest(self, ordered: Collection[str]) -> dict[str, Array]:
+        """Where the bases of robots in motion stand that should stay there, though they could move."""
+        carriers = [self.arms[name].robot for name in ordered]
+        carried = frozenset[int]().union(*(robot.guest_ids for robot in carriers))
+        return {
+            name: self.arms[name].base_matrix(self.data)
+            for name in ordered
+            if self.arms[name].rides and not self.arms[name].robot.own_ids & carried
+        }
+
+    def _check_meeting(self, wanted: Mapping[str, Array]) -> None:
+        if len(self.arms) < 2:
+            return
+        movers = {}
+        for name, q in wanted.items():
+            held = self._watch.held.get(name)
+            carried = None if held is None else (held.thing, held.T_tool_object)
+            movers[name] = Mover(self.arms[name].robot.standing(self.model, self.data.qpos), q, carried)
+        meeting = first_meeting(self.scene, movers, self.qpos, self._watch.expected)
+        if meeting is not None:
+            self.unproved.append(meeting.sentence(self.timestep))
+            self.log(f"{self.unproved[-1]}; no proof covers both of these motions", "WARN")
 
     def hold(self, seconds: float) -> bool:
         """Stand still; raises InputError for a negative duration."""

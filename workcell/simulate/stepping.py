@@ -80,10 +80,12 @@ class Stepper:
         self._hold_what_is_placed()
         self._on_chunk = on_chunk
         self._dofs = [arm.robot.robot.dof for arm in self.arms.values()]
+        self._anchored: dict[str, Array] = {}
         self._rows = Rows(sum(self._dofs), len(self.arms), self.model.nq)
         self._chunks: list[Execution] = []
         self._seen: set[tuple[str, str]] = set()
         self.stop: Stop | None = None
+        self.unproved: list[str] = []
         mujoco.mj_forward(self.model, self.data)
 
     def _hold_what_is_placed(self) -> None:
@@ -245,6 +247,11 @@ class Stepper:
             if worst.error_m > settings.max_error_m or worst.error_rad > settings.max_error_rad:
                 text = f"the tool is {1000 * worst.error_m:.2f} mm and {worst.error_rad:.4f} rad off"
                 self._stop(StopReason.TRACKING, self._whose(arm) + text)
+        for name, base in self._anchored.items():
+            moved = float(np.linalg.norm((self.arms[name].base_matrix(data) - base)[:3, 3]))
+            if moved > settings.max_error_m:
+                text = f"the base of {name} has moved by {1000 * moved:.2f} mm on what carries it"
+                self._stop(StopReason.TRACKING, text)
         for held in self._watch.held.values():
             slip = self._watch.slip(held)
             if slip > held.may_slip:

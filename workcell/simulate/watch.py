@@ -128,6 +128,11 @@ class Watch:
             lower, upper = np.minimum(lower, middle - reach), np.maximum(upper, middle + reach)
         return np.stack([lower, upper])
 
+    @property
+    def expected(self) -> frozenset[Pair]:
+        """Pairs of geoms that may touch now."""
+        return frozenset(self._expected)
+
     # ---- what changes it ----------------------------------------------------------------------------------------
 
     def expect(self, first: Iterable[int], second: Iterable[int]) -> None:

@@ -119,7 +119,7 @@ class Story:
         """Write what the simulation measured into the summary; the task fails unless every condition holds.
 
         Beside the given conditions: the run was not stopped, nothing touched that should not, clearance stayed at
-        or above zero.
+        or above zero, and robots that moved at once are proved clear of each other.
         """
         execution = simulation.result()
         pair = execution.min_clearance_pair
@@ -137,9 +137,13 @@ class Story:
         checks = {
             "no unintended contact": not execution.contacts,
             "clearance never below zero": execution.min_clearance >= 0.0,
+            **(
+                {"all that moved at once is proved clear of each other": False} if simulation.unproved else {}
+            ),
             **conditions,
         }
         self.summary["conditions"] = checks
         missed = [name for name, holds in checks.items() if not holds]
         if missed:
-            self.fail("FAILED", f"The job was executed, but: not {'; not '.join(missed)}.")
+            because = f" {'; '.join(simulation.unproved)}." if simulation.unproved else ""
+            self.fail("FAILED", f"The job was executed, but: not {'; not '.join(missed)}.{because}")

@@ -165,14 +165,12 @@ class Team:
 
     def split(self, trajectory: Trajectory) -> tuple[Trajectory, ...]:
         """The team's motion as one trajectory for each robot."""
-        return tuple(
-            Trajectory(
-                name,
-                trajectory.time,
-                *(getattr(trajectory, part)[:, self.columns(name)] for part in ("q", "qd", "qdd")),
-            )
-            for name in self.grasps
-        )
+        parts = []
+        for name in self.grasps:
+            own, base = self.columns(name), self.scene.robot(name).robot.T_world_base
+            q, qd, qdd = trajectory.q[:, own], trajectory.qd[:, own], trajectory.qdd[:, own]
+            parts.append(Trajectory(name, trajectory.time, q, qd, qdd, base))
+        return tuple(parts)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ missing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -90,7 +90,7 @@ def retime(
         # by the factor that is missing, and by one more sample at least
         slower = max(excess * trajectory.duration, trajectory.duration + dt) / timing.duration
         trajectory = _sampled(spline, timing, slower, dt, robot.name)
-    return trajectory
+    return replace(trajectory, base=robot.T_world_base)
 
 
 def _sampled(spline: JointSpline, timing: Timing, slower: float, dt: float, name: str) -> Trajectory:

@@ -1,11 +1,14 @@
 """Arms whose joints follow others: planted configurations are found, and what only free joints reach is proved out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.coupled_arms import coupled_arm, planar
 from workcell.errors import InputError
 from workcell.geometry.types import Piece, SphereCover
+from workcell.ik.check import check_certificate
 from workcell.ik.hjcd.batch import solve_batch
 from workcell.ik.hjcd.solver import collect_solutions
 from workcell.ik.judge.verify import verify
@@ -78,3 +81,56 @@ def test_solvers_that_know_no_couplings_say_who_does(tmp_path, solver):
     robot = arm(tmp_path, planar())
     with pytest.raises(InputError, match=r"joints that follow others.*auto, hjcd"):
         solve(IKProblem(robot, robot.fk([0.3])), solver)
+
+
+@pytest.mark.parametrize("bent", [False, True])
+@pytest.mark.parametrize("followers", [1, 2])
+def test_what_only_joints_of_their_own_would_reach_is_proved_unreachable(tmp_path, bent, followers):
+    for seed in range(4):
+        robot = arm(tmp_path, coupled_arm(seed, joints=6, followers=followers, bent=bent)[0])
+        rng = np.random.default_rng(seed)
+        k = int(robot.coupling.followers[0])
+        q = robot.joint_values(robot.random_configuration(rng))
+        q[k] += 0.05 if robot.prismatic[k] else 0.2
+        problem = IKProblem(robot, robot.uncoupled.fk(q))
+        result = solve(problem, budget=Budget(60.0))
+        assert result.status is Status.UNREACHABLE
+        assert check_certificate(problem, result.certificate) is None
+        free = replace(problem, robot=robot.uncoupled)
+        assert check_certificate(free, result.certificate) is not None
+
+
+@pytest.mark.parametrize("goal", ["position", "axis"])
+def test_positions_and_directions_off_the_coupled_set_are_proved_unreachable(tmp_path, goal):
+    robot = arm(tmp_path, planar())
+    here = robot.fk([0.5])
+    assert solve(IKProblem(robot, here, goal=goal)).status is Status.SOLVED
+    # the point that a second joint turned by 0.1 rad more would reach
+    away = robot.uncoupled.fk([0.5, 0.6])
+    assert solve(IKProblem(robot, away, goal=goal)).status is Status.UNREACHABLE
+
+
+def test_an_obstacle_at_the_one_configuration_that_is_left_blocks(tmp_path):
+    robot = arm(tmp_path, planar())
+    cover = SphereCover(
+        np.array([1, 1, 2, 2]),
+        np.array([[0.1, 0, 0], [0.2, 0, 0], [0.15, 0, 0], [0.28, 0, 0]]),
+        np.full(4, 0.03),
+    )
+    target = robot.fk([0.5])
+    ball = Piece(
+        "ball", "sphere", Pose.from_xyz([0.2 * np.cos(0.5), 0.2 * np.sin(0.5) + 0.05, 0.1]), np.array([0.04])
+    )
+    problem = IKProblem(robot, target, (ball,), cover)
+    assert not verify(problem, [0.5]).accepted
+    result = solve(problem)
+    assert result.status is Status.BLOCKED and check_certificate(problem, result.certificate) is None
+    clear = replace(problem, obstacles=())
+    assert solve(clear).status is Status.SOLVED
+
+
+def test_max_step_bounds_the_variables(tmp_path):
+    robot = arm(tmp_path, planar(2.0))
+    problem = IKProblem(robot, robot.fk([0.3]), q_reference=np.array([0.0]), max_step=0.1)
+    assert solve(problem).status is Status.UNREACHABLE
+    assert solve(replace(problem, max_step=0.35)).status is Status.SOLVED

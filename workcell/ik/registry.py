@@ -149,7 +149,6 @@ SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
             work="elementary bounds",
             prepare="workcell.ik.elementary.solver:prepare",
             listed=False,
-            couples=False,
         ),
         "hjcd": SolverEntry(
             help="sampling, polished and slid clear of obstacles",
@@ -167,7 +166,6 @@ SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
             prepare="workcell.ik.branch.solver:prepare",
             resumes="workcell.ik.branch.solver:BranchSearch",
             is_futile=_searched_through,
-            couples=False,
         ),
         "inside": SolverEntry(
             help="branch and bound on a model inside the real geometry, whose proofs hold of that geometry",
@@ -177,7 +175,6 @@ SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
             resumes="workcell.ik.branch.inside:InsideSearch",
             is_futile=_not_yet_inside,
             listed=False,
-            couples=False,
         ),
         "multistart": SolverEntry(
             help="local search from random starts, the baseline",

@@ -59,6 +59,8 @@ def problem_arrays(problem: IKProblem) -> Arrays:
         turns=problem.goal != "position",
         goal=np.concatenate([goal[:3, :3].ravel(), goal[:3, 3]]),
         ball=np.array([*inflation(problem), *target[:3, 3]]),
+        follows=robot.follows,
+        polynomials=robot.polynomials,
     )
     order, spheres = _spheres(problem, robot)
     lower, upper = joint_box(problem)

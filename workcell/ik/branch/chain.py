@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.identity_cache import ByIdentity
 from workcell.ik.problem import Goal, IKProblem
 from workcell.ik.shared.limits import Interval
+from workcell.model.coupling import Coupling, value_range
 from workcell.model.robot import LIMIT_SLACK, Robot
 from workcell.pose import Array
 
@@ -24,7 +26,8 @@ _OUTER_WEIGHT = 20.0
 _SLIDING_WEIGHT = 2.0
 """Radians that a metre counts as."""
 _IDLE_WEIGHT = 1e-3
-"""For joints that only turn the tool where its rotation doesn't count."""
+"""For joints that only turn the tool where its rotation doesn't count, and for those that follow others."""
+_SPARE = 1e-6
 TURN = 2 * np.pi + 1e-9
 FREE_JOINTS: dict[Goal, Array] = {
     "pose": np.zeros((0, 3)),
@@ -46,7 +49,7 @@ class Kinematics:
     Attributes:
         turned: (n, 3, 3) rotations whose third columns are the joint axes.
         base: (4, 4) frame of the line that is fixed to the base.
-        fixed, feet, slides, around, weights, middle: as in `Chain`.
+        fixed, feet, slides, around, weights, middle, follows, polynomials: as in `Chain`.
         T_tool_end: (4, 4) frame of the line that is fixed to the target, in the tool's frame.
         T_base_world: (4, 4).
     """
@@ -59,6 +62,8 @@ class Kinematics:
     around: Array
     weights: Array
     middle: int
+    follows: NDArray[np.int64]
+    polynomials: Array
     T_tool_end: Array
     T_base_world: Array
 
@@ -79,7 +84,13 @@ def joint_box(problem: IKProblem) -> tuple[Array, Array]:
     robot = problem.robot
     interval = Interval.of(problem, LIMIT_SLACK)
     lower, upper = interval.lower, interval.upper
-    wide = (upper - lower > TURN) & ~robot.prismatic
+    wide = (upper - lower > TURN) & ~robot.prismatic if robot.coupling is None else np.zeros(0, dtype=bool)
+    if robot.coupling is not None:
+        lower, upper = _coupled_box(robot.coupling, lower, upper)
+        turning = ~robot.prismatic & ~np.isin(
+            robot.coupling.variable, robot.coupling.variable[robot.coupling.followers]
+        )
+        wide = (upper - lower > TURN) & turning
     if wide.any():
         middle = 0.5 * (lower + upper)
         lower = np.where(wide, middle - TURN / 2, lower)
@@ -88,7 +99,34 @@ def joint_box(problem: IKProblem) -> tuple[Array, Array]:
     return np.concatenate([lower, -free]), np.concatenate([upper, free])
 
 
+def _coupled_box(coupling: Coupling, lower: Array, upper: Array) -> tuple[Array, Array]:
+    """The box (m,), (m,) of all joints, of one of the variables."""
+    low, high = np.array(lower[coupling.variable]), np.array(upper[coupling.variable])
+    for k in coupling.followers:
+        row, first, last = coupling.coefficients[k], float(low[k]), float(high[k])
+        least, most = value_range(row, first, last)
+        # wider than whoever checks the proof may find the range to be: contracting begins with that
+        reach = max(abs(first), abs(last))
+        spare = _SPARE * (
+            1.0
+            + (last - first) ** 2 * sum(i * i * abs(c) * reach ** max(i - 2, 0) for i, c in enumerate(row))
+        )
+        low[k], high[k] = least - spare, most + spare
+    return low, high
+
+
+def _followers(robot: Robot) -> tuple[NDArray[np.int64], Array]:
+    """The joints (as the kernels count them) that follow others, with those that lead them; and the polynomials."""
+    coupling = robot.coupling
+    if coupling is None:
+        return np.zeros((0, 2), dtype=np.int64), np.zeros((0, 2))
+    k = coupling.followers
+    return np.stack([k, coupling.own[coupling.variable[k]]], axis=1) + 1, np.array(coupling.coefficients[k])
+
+
 def _kinematics(robot: Robot, goal: Goal) -> Kinematics:
+    follows, polynomials = _followers(robot)
+    robot = robot.uncoupled
     turned = np.array([_frame_with_z(axis) for axis in robot.axis])
     fixed: list[Array] = []
     base = _line_beside(np.eye(4), _transform(robot.joint_rotation[0] @ turned[0], robot.joint_xyz[0]))
@@ -110,6 +148,7 @@ def _kinematics(robot: Robot, goal: Goal) -> Kinematics:
     weights = np.where(slides, _SLIDING_WEIGHT, np.ones((2, count)))
     outer = [1, 2, n - 1, n] if goal == "position" else [1, 2, count - 3, count - 2]
     weights[0, outer] *= _OUTER_WEIGHT
+    weights[:, follows[:, 0]] *= _IDLE_WEIGHT
     middle = (count - 1) // 2
     if goal == "position":
         weights[:, n + 1 :] = _IDLE_WEIGHT
@@ -117,7 +156,20 @@ def _kinematics(robot: Robot, goal: Goal) -> Kinematics:
     rows = np.concatenate([frames[:, :3, :3].reshape(-1, 9), frames[:, :3, 3]], axis=1)
     around = _around(frames, feet)
     T_tool_end, T_base_world = np.linalg.inv(before) @ end, robot.T_world_base.inverse().matrix
-    return Kinematics(turned, base, rows, feet, slides, around, weights, middle, T_tool_end, T_base_world)
+    return Kinematics(
+        turned,
+        base,
+        rows,
+        feet,
+        slides,
+        around,
+        weights,
+        middle,
+        follows,
+        polynomials,
+        T_tool_end,
+        T_base_world,
+    )
 
 
 def _transform(R: Array, p: Array) -> Array:

@@ -103,7 +103,10 @@ class BranchSearch:
     def _accept(self, q: Array) -> bool:
         interval = Interval.of(self.problem)
         # The boxes have the slack of the limits; the answer needs none.
-        q = np.clip(q[1 : 1 + self.problem.robot.dof], interval.lower, interval.upper)
+        robot = self.problem.robot
+        q = q[1 : 1 + robot.joint_count]
+        q = q if robot.coupling is None else robot.coupling.variables(q)
+        q = np.clip(q, interval.lower, interval.upper)
         self._verifier = self._verifier or Verifier(self.problem)
         verdict = self._verifier(q)
         if verdict.accepted:

@@ -63,7 +63,7 @@ class JointAxes:
     @staticmethod
     def of(robot: Robot) -> JointAxes:
         """The axes of a robot, remembered."""
-        return _axes.get((robot,), lambda: JointAxes._make(robot))
+        return _axes.get((robot,), lambda: JointAxes._make(robot.uncoupled))
 
     @staticmethod
     def _make(robot: Robot) -> JointAxes:
@@ -160,7 +160,7 @@ class ReachBound:
 def _prove_reach(problem: IKProblem) -> Certificate | None:
     wide, asked = _tolerances(problem)
     bound = ReachBound.of(problem)
-    slides = np.zeros(problem.robot.dof)
+    slides = np.zeros(problem.robot.joint_count)
     if bound.margin(wide, slides) <= 0:
         if math.hypot(*bound.ends(slides).tolist()) < WORTHWHILE * bound.axes.plain:
             return None
@@ -226,7 +226,7 @@ class PlacedSpheres:
     @staticmethod
     def of(robot: Robot, cover: SphereCover) -> PlacedSpheres:
         """The spheres of a robot's cover, remembered."""
-        return _placed.get((robot, cover), lambda: PlacedSpheres._make(robot, cover))
+        return _placed.get((robot, cover), lambda: PlacedSpheres._make(robot.uncoupled, cover))
 
     @staticmethod
     def _make(robot: Robot, cover: SphereCover) -> PlacedSpheres:

@@ -24,7 +24,7 @@ def check_reach(problem: IKProblem, certificate: Certificate) -> str | None:
     """Why a `reach` certificate does not hold, or None when it does (docs/proofs.md, section 4)."""
     if certificate.problem_hash != problem_hash(problem):
         return "the certificate belongs to another problem"
-    n = problem.robot.dof
+    n = problem.robot.joint_count
     refusal = wrong_form(certificate, {"tolerances": (3,), "slides": (n,)})
     if refusal is not None:
         return refusal

@@ -124,7 +124,7 @@ def statement(data: Mapping[str, Any]) -> str:
 
 def _check_form(problem: IKProblem, certificate: Certificate) -> str | None:
     """Whether the numbers are a proof's: the arrays, and every index within its range before anything uses it."""
-    n, data = problem.robot.dof + _FREE_JOINTS[problem.goal], certificate.data
+    n, data = problem.robot.joint_count + _FREE_JOINTS[problem.goal], certificate.data
     refusal = wrong_form(certificate, {**_SHAPES, "root": (2, n)})
     if refusal is not None:
         return refusal
@@ -190,7 +190,7 @@ def _check_root(problem: IKProblem, root: Array) -> str | None:
     covered = ((root[0] <= lower) & (root[1] >= upper)) | (periodic & (root[1] - root[0] >= 2 * np.pi))
     if not np.all(covered) or not np.all(np.abs(root) <= MOST_TURNED):
         k = int(np.argmin(covered))
-        names = problem.robot.joint_names
+        names = problem.robot.all_joint_names
         part = f"joint {names[k]!r}" if k < len(names) else "the rotations of the target"
         return f"the boxes leave out a part of {part}"
     return None

@@ -48,6 +48,7 @@ class Robot(NamedTuple):
         goal: (12,) the motion G.
         ball: (5,) tolerances (m, rad) and the target's position.
         scale: (1,) rounding slack, see `vectors`.
+        coupled: (f, 2 + d + 1) joints that follow others, who leads them, and by which polynomial, in rising powers.
     """
 
     lines: Array
@@ -56,6 +57,7 @@ class Robot(NamedTuple):
     goal: Array
     ball: Array
     scale: Array
+    coupled: Array
 
 
 class Box(NamedTuple):

@@ -25,6 +25,7 @@ from workcell.ik.branch.checker.closure import (
     tilt,
     wander,
 )
+from workcell.ik.branch.checker.coupled import keep_coupled
 from workcell.ik.branch.checker.linear import follow_closure
 from workcell.ik.branch.checker.vectors import (
     Vector,
@@ -59,6 +60,8 @@ def contract(robot: Robot, box: Box) -> bool:
 def contract_once(robot: Robot, box: Box) -> int:
     """Shrink a box once: EMPTY if it is proved to hold no solution, AGAIN if that paid, else STALLED."""
     before = _size(box)
+    if not keep_coupled(robot, box):
+        return EMPTY
     stand_at_centre(robot, box)
     if not contract_near(robot, box):
         return EMPTY

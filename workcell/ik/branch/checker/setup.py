@@ -5,12 +5,14 @@ from __future__ import annotations
 import functools
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.identity_cache import ByIdentity
 from workcell.ik.branch.checker.closure import Robot
 from workcell.ik.branch.checker.obstacles import BOX, CAPSULE, CYLINDER, HALFSPACE, HULL, SPHERE, Scene
 from workcell.ik.branch.checker.vectors import EPS
 from workcell.ik.problem import IKProblem
+from workcell.model.coupling import Coupling
 from workcell.model.robot import LIMIT_SLACK
 from workcell.model.robot import Robot as Arm
 from workcell.pose import Array, quat_to_matrix
@@ -26,6 +28,8 @@ KINDS = {
 """Pieces that the checker knows, and its own numbers for them: it shares nothing with solvers, their table of shapes
 included."""
 _PARALLEL = 1e-4
+_GRID = 2001
+"""Places at which a polynomial is looked at for its range."""
 """Square of the sine below which no nearest points are looked for: any points of two lines do as well."""
 _FARTHEST = 10.0
 """Metres along its axis beyond which a nearest point is not taken: rounding grows with the lengths."""
@@ -42,15 +46,40 @@ def admissible(problem: IKProblem) -> tuple[Array, Array, Array]:
         step = np.asarray(problem.max_step) + LIMIT_SLACK
         lower = np.maximum(lower, problem.q_reference - step)
         upper = np.minimum(upper, problem.q_reference + step)
+    turning = ~robot.prismatic
+    if robot.coupling is not None:
+        lower, upper, turning = _of_all_joints(robot.coupling, lower, upper, turning)
     # Turns about the tool's x, y and z reach every rotation with the second within a quarter turn of zero.
     free = np.array({"pose": [], "position": [1.0, 0.5, 1.0], "axis": [1.0]}[problem.goal]) * np.pi
-    periodic = np.concatenate([~robot.prismatic, np.full(len(free), problem.goal == "axis")])
+    periodic = np.concatenate([turning, np.full(len(free), problem.goal == "axis")])
     return np.concatenate([lower, -free]), np.concatenate([upper, free]), periodic
+
+
+def _of_all_joints(
+    coupling: Coupling, lower: Array, upper: Array, turning: NDArray[np.bool_]
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Limits (m,) of all joints from those of the variables, and which repeat: none that follows or leads."""
+    low, high = np.array(lower[coupling.variable]), np.array(upper[coupling.variable])
+    apart = np.array(turning)
+    for k, variable in enumerate(coupling.variable):
+        if int(coupling.own[variable]) == k:
+            continue
+        apart[k] = apart[coupling.own[variable]] = False
+        # the values on a fine grid, and how far a parabola may leave the chords between them
+        x, row = np.linspace(lower[variable], upper[variable], _GRID), coupling.coefficients[k]
+        values = np.polynomial.polynomial.polyval(x, row)
+        reach = max(abs(float(lower[variable])), abs(float(upper[variable])))
+        bend = float(
+            np.polynomial.polynomial.polyval(reach, np.abs(np.polynomial.polynomial.polyder(row, 2)))
+        )
+        between = 0.125 * (float(upper[variable] - lower[variable]) / (_GRID - 1)) ** 2 * bend
+        low[k], high[k] = values.min() - between - EPS, values.max() + between + EPS
+    return low, high, apart
 
 
 def longest(problem: IKProblem) -> float:
     """An upper bound in metres on the distances that occur."""
-    robot, cover = problem.robot, problem.cover
+    robot, cover = problem.robot.uncoupled, problem.cover
     # where neighbouring axes are nearly parallel, the points where they are nearest may lie far away on them
     points = _zero(robot, problem.goal)[2][:, 3:9].reshape(-1, 3) - robot.T_world_base.position
     sliding = np.maximum(np.abs(robot.lower), np.abs(robot.upper))[robot.prismatic]
@@ -82,8 +111,9 @@ def proof_robot(problem: IKProblem, inflation: Array, length: float) -> Robot:
     goal = np.concatenate([turned.ravel(), problem.target.position - turned @ tip])
     ball = np.concatenate([inflation, problem.target.position])
     free = problem.goal == "position"
-    middle = problem.robot.dof + 1 if free else (len(lines) - 1) // 2
-    return Robot(lines, middle, not free, goal, ball, np.array([EPS * max(1.0, length) ** 2]))
+    middle = problem.robot.joint_count + 1 if free else (len(lines) - 1) // 2
+    scale = np.array([EPS * max(1.0, length) ** 2])
+    return Robot(lines, middle, not free, goal, ball, scale, _coupled(problem.robot))
 
 
 def proof_scene(problem: IKProblem, used: bool) -> Scene:
@@ -119,7 +149,20 @@ def proof_scene(problem: IKProblem, used: bool) -> Scene:
 
 
 def _zero(robot: Arm, goal: str) -> tuple[Array, Array, Array]:
-    return _lines.get((robot, goal), lambda: zero_links(robot, goal))
+    return _lines.get((robot, goal), lambda: zero_links(robot.uncoupled, goal))
+
+
+def _coupled(robot: Arm) -> Array:
+    """Rows of `closure.Robot.coupled`."""
+    coupling = robot.coupling
+    if coupling is None:
+        return np.zeros((0, 4))
+    rows = [
+        [k + 1.0, coupling.own[variable] + 1.0, *coupling.coefficients[k]]
+        for k, variable in enumerate(coupling.variable)
+        if int(coupling.own[variable]) != k
+    ]
+    return np.array(rows)
 
 
 def zero_links(robot: Arm, goal: str = "pose") -> tuple[Array, Array, Array]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from workcell.ik.branch.kernels.coupled import couple, gather
 from workcell.ik.branch.kernels.obstacles import sphere_centre
 from workcell.ik.branch.kernels.state import Chain, forward
 from workcell.ik.branch.kernels.world import World, signed_distance
@@ -39,6 +40,7 @@ def search_from(
     best, damping = np.inf, 1e-4
     stiff = False
     for iteration in range(2 * iterations):
+        couple(chain, q)
         forward(chain, q, frames)
         away, turned = _pose_residual(chain, frames, error, J)
         if stiff:
@@ -68,6 +70,7 @@ def search_from(
             damping = max(damping * 10.0, 1e-6)
             if damping > 1e3:
                 return False
+        gather(chain, q, H, g)
         for j in range(n):
             H[j, j] += damping + 1e-9
         if not _solve(H, g):

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from workcell.ik.branch.kernels.coupled import contract_coupled
 from workcell.ik.branch.kernels.invariants import contract_invariants, contract_through
 from workcell.ik.branch.kernels.linear import contract_linear
 from workcell.ik.branch.kernels.local import search_from
@@ -77,12 +78,18 @@ def contract_once(chain: Chain, state: State) -> int:
     width = np.empty(joints)
     for k in range(joints):
         width[k] = state.upper[k] - state.lower[k]
+    if not contract_coupled(chain, state):
+        return EMPTY
     recentre(chain, state)
     if not contract_neighbours(chain, state) or not contract_invariants(chain, state):
+        return EMPTY
+    if not contract_coupled(chain, state):
         return EMPTY
     if _shrunk(state, width):
         return AGAIN
     if not contract_through(chain, state) or not contract_linear(chain, state):
+        return EMPTY
+    if not contract_coupled(chain, state):
         return EMPTY
     return AGAIN if _shrunk(state, width) else STALLED
 

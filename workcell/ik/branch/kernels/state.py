@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.jit import exact_inner, exact_kernel
 from workcell.pose import Array
@@ -33,6 +34,8 @@ class Chain(NamedTuple):
         turns: whether the target's rotation counts; else only its position is known.
         goal: (12,) wanted frame of joint N - 1.
         ball: (5,) radius of the target's position (m) and rotation (rad) and the point it turns about (3).
+        follows: (f, 2) joints that follow others by a polynomial, and those that lead them.
+        polynomials: (f, d + 1) what they follow by, in rising powers.
     """
 
     fixed: Array
@@ -44,6 +47,8 @@ class Chain(NamedTuple):
     turns: bool
     goal: Array
     ball: Array
+    follows: NDArray[np.int64]
+    polynomials: Array
 
 
 class State(NamedTuple):

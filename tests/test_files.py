@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from workcell.errors import OutputError
-from workcell.files import write_json_atomic
+from workcell.files import MOST_NESTED, parse_json, write_json_atomic
 
 
 def test_values_come_back(tmp_path: Path) -> None:
@@ -48,3 +48,25 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(OutputError, match="can't be written"):
         write_json_atomic(tmp_path / "file" / "s.json", {})
+
+
+@pytest.mark.parametrize(
+    ("text", "because"),
+    [
+        ('{"a": 1, "b": {"c": 1, "c": 2}}', "has the key 'c' twice"),
+        ('{"\\ud800": 1, "\\ud800": 1}', "twice"),
+        ("[" * (MOST_NESTED + 1) + "]" * (MOST_NESTED + 1), "nested too deeply"),
+        ("[" * 100_000, "nested too deeply"),
+        ("1" * 5000, "too many digits"),
+        ('{"a": ', "Expecting value"),
+    ],
+)
+def test_texts_that_say_two_things_or_have_no_end_are_refused(text: str, because: str) -> None:
+    with pytest.raises(ValueError, match=because):
+        parse_json(text)
+
+
+def test_other_texts_are_read() -> None:
+    nested = "[" * MOST_NESTED + "]" * MOST_NESTED
+    assert json.dumps(parse_json(nested)) == nested
+    assert parse_json('{"a": [1, 2.5, null, true], "b": {}}') == {"a": [1, 2.5, None, True], "b": {}}

@@ -1,0 +1,1 @@
+"""Proofs that no configuration solves a problem, checked by a program that shares nothing with who found them."""

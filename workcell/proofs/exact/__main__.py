@@ -1,0 +1,36 @@
+"""`python -m workcell.proofs.exact SET ANSWERS`: the second checker alone."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from pathlib import Path
+
+from workcell.proofs.exact.reading import RefusedError
+from workcell.proofs.exact.verdicts import judge_answers
+
+USAGE = "usage: python -m workcell.proofs.exact SET.json ANSWERS.jsonl"
+
+
+def main(arguments: list[str]) -> int:
+    """0: everything holds. 1: something was refused. 2: a file can't be read."""
+    if len(arguments) != 2:
+        print(USAGE, file=sys.stderr)
+        return 2
+    counts = Counter[str]()
+    try:
+        for verdict in judge_answers(Path(arguments[0]), Path(arguments[1])):
+            if verdict.refusal is not None:
+                counts["refused"] += 1
+                print(f"refused: line {verdict.line}, {verdict.id}: {verdict.refusal}")
+            else:
+                counts[verdict.status] += 1
+    except RefusedError as refusal:
+        print(f"error: {refusal}", file=sys.stderr)
+        return 2
+    print(", ".join(f"{count} {name}" for name, count in counts.items()) or "no answers")
+    return 1 if counts["refused"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from workcell.bench.forgeries.honest import case as made
 from workcell.bench.forgeries.mutants import CHANGES, VALUES, forged
 from workcell.bench.forgeries.table import forgeries, forgery_rows, refusal
 from workcell.ik.registry import PROOFS
+from workcell.sets.problems import parse_problem_set
+from workcell.sets.solving import verify_answers
 
 
 def test_there_is_a_case_of_every_kind_of_proof() -> None:
@@ -89,3 +92,24 @@ def test_every_change_changes_something() -> None:
     for change in CHANGES:
         texts = {forged(others[0], change, rng, others[1:]) for _ in range(20)}
         assert len(texts) > 1, change
+
+
+def test_a_file_of_forged_answers_is_refused_line_by_line(tmp_path: Path) -> None:
+    """As `workcell verify` meets them: inline, whatever they are, and never an end without a report."""
+    case, scopes = made("farkas/six"), {"kinematics": "UNREACHABLE", "geometry": "BLOCKED"}
+    problems = parse_problem_set(case.twin)
+    lines = 0
+    for forgery in forgeries(300, 5):
+        if forgery.own or forgery.case.name != "farkas/six":
+            continue
+        try:
+            certificate = json.loads(forgery.text)
+        except ValueError:
+            continue
+        status = scopes.get(str(certificate.get("scope")), "UNREACHABLE")
+        answers = tmp_path / f"{lines}.jsonl"
+        answers.write_text(json.dumps({"id": "one", "status": status, "q": None, "certificate": certificate}))
+        report = verify_answers(problems, answers)
+        assert report.proved == report.solved == 0 and len(report.refused) == 1
+        lines += 1
+    assert lines > 10

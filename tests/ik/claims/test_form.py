@@ -68,9 +68,9 @@ def test_what_is_said_is_what_was_found() -> None:
     said = certificate()
     found = ("kinematics", 0.5, "So it is.")
     assert overclaims(said, *found) is None
-    assert overclaims(replace(said, margin=0.504), *found) is None
-    assert "the margin is 0.5, not 0.51" in str(overclaims(replace(said, margin=0.51), *found))
-    assert "the margin" in str(overclaims(replace(said, margin=0.49), *found))
+    assert overclaims(replace(said, margin=0.5 + 4e-7), *found) is None
+    assert "the margin is 0.5, not 0.501" in str(overclaims(replace(said, margin=0.501), *found))
+    assert "the margin" in str(overclaims(replace(said, margin=0.499), *found))
     assert "the margin" in str(overclaims(replace(said, margin=float("nan")), *found))
     assert "of the scope 'kinematics'" in str(overclaims(replace(said, scope="geometry"), *found))
     assert "the statement" in str(overclaims(replace(said, statement="So it may be."), *found))

@@ -62,7 +62,7 @@ def _claimed(case: Case, rng: np.random.Generator) -> Document:
     choice = int(rng.integers(3))
     if choice == 0:
         document["margin"] = float(document["margin"]) * float(
-            rng.choice([0.0, -1.0, 0.9, 1.1, 1e-9, 1e9, 1e300])
+            rng.choice([0.0, -1.0, 0.99, 1.01, 1e-9, 1e9, 1e300])
         )
     elif choice == 1:
         other = [scope for scope in ("kinematics", "geometry", "model") if scope != document["scope"]]

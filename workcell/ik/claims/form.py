@@ -18,8 +18,8 @@ LARGEST = 1e50
 """Size that no number of a proof may exceed: products of a few of them are finite."""
 WIDEST = 1.0
 """Metres, radians and metres that the covered tolerances may have at most."""
-AGREEMENT = 0.01
-"""Part of the margin by which a file's may differ from its checker's."""
+AGREEMENT = 1e-6
+"""Part of the margin by which a file's may differ from its checker's, beside 1e-9: checkers may round differently."""
 
 Shape = tuple[int | None, ...]
 """Sizes of an array; None where any will do."""
@@ -72,7 +72,7 @@ def overclaims(certificate: Certificate, scope: str, margin: float, statement: s
     """
     if certificate.scope != scope:
         return f"the scope {certificate.scope!r} is not what it proves: that is of the scope {scope!r}"
-    if not abs(certificate.margin - margin) <= AGREEMENT * margin:
+    if not abs(certificate.margin - margin) <= AGREEMENT * margin + 1e-9:
         return f"the margin is {margin:.6g}, not {certificate.margin:.6g} as it says"
     if certificate.statement != statement:
         return f"the statement is not what is proved, which is: {statement}"

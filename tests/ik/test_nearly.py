@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.ik.nearly import nearly_arm, planted, written_arm
+from workcell.bench.reference.nearly import nearly_arm, planted, written_arm
 from workcell.ik.cidgik.reduction import Reduction
 from workcell.ik.cidgik.skeleton import Skeleton
 from workcell.ik.cidgik.solver import prove_cidgik

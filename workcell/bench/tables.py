@@ -17,6 +17,7 @@ _PROVIDERS = (
     "workcell.bench.ik.hjcd",
     "workcell.bench.ik.hjcd_mmd",
     "workcell.bench.ik.branch",
+    "workcell.bench.ik.nearly",
     "workcell.bench.motion.plans",
     "workcell.bench.motion.plans_optimal",
     "workcell.bench.motion.proofs",

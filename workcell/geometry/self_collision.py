@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from workcell.errors import InputError
 from workcell.geometry.packing import NO_GRADIENT, pack_spheres, pack_tree
 from workcell.geometry.types import SphereCover
-from workcell.model.robot import Robot
+from workcell.model.robot import LIMIT_SLACK, Robot
 from workcell.pose import Array, read_only
 
 Index = NDArray[np.int64]
@@ -158,7 +158,7 @@ def _gaps(robot: Robot, cover: SphereCover, pairs: Index, q: Array) -> Array:
 
 
 def _never_touch(robot: Robot, cover: SphereCover, pairs: Index, asked: Mask) -> Mask:
-    """Which of the pairs (p, 2) that are asked for are proved apart at all configurations within the limits."""
+    """Which of the pairs (p, 2) that are asked for are proved apart at all configurations that count as admissible."""
     proved = np.zeros(len(pairs), dtype=bool)
     links = cover.link[pairs]
     for a, b in np.unique(links[asked], axis=0):
@@ -177,7 +177,7 @@ def _proved_apart(robot: Robot, cover: SphereCover, pairs: Index, a: int, b: int
     joints = sorted(set(robot.path_to(a)) ^ set(robot.path_to(b)))
     levers = _levers(robot, cover, pairs, a, b, joints)
     middle = 0.5 * (robot.lower + robot.upper)[joints][None]
-    half = 0.5 * (robot.upper - robot.lower)[joints][None]
+    half = 0.5 * (robot.upper - robot.lower)[joints][None] + LIMIT_SLACK
     live, unproved, spent = np.ones(len(pairs), dtype=bool), np.ones(len(pairs), dtype=bool), 0
     while len(middle) and live.any() and spent + len(middle) * live.sum() <= _MOST_GAPS:
         q = np.repeat(robot.home[None], len(middle), axis=0)
@@ -224,7 +224,8 @@ def _levers(robot: Robot, cover: SphereCover, pairs: Index, a: int, b: int, join
             levers[:, column] = np.linalg.norm(np.cross(robot.axis[joint], centre), axis=1)
             continue
         later = [k for k in robot.path_to(link) if k > joint]
-        travel = np.where(robot.prismatic, np.maximum(np.abs(robot.lower), np.abs(robot.upper)), 0.0)
+        farthest = np.maximum(np.abs(robot.lower), np.abs(robot.upper)) + LIMIT_SLACK
+        travel = np.where(robot.prismatic, farthest, 0.0)
         way = np.linalg.norm(robot.joint_xyz[later], axis=1).sum() + travel[later].sum()
         levers[:, column] = way + np.linalg.norm(centre, axis=1)
     return levers

@@ -9,7 +9,7 @@ import pytest
 
 from tests.ik.arms import beads, hugged, planar, seven
 from tests.ik.lifted_arms import parallel_elbow, seven_axis, skew_arm
-from tests.ik.nearly import nearly_arm, planted
+from workcell.bench.reference.nearly import nearly_arm, planted
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.certificate import Certificate, problem_hash
 from workcell.ik.check import STATUS_OF_SCOPE, check_certificate

@@ -8,7 +8,7 @@ import numpy as np
 
 from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.types import Piece, SphereCover
-from workcell.model.robot import Robot
+from workcell.model.robot import LIMIT_SLACK, Robot
 from workcell.pose import Array, Pose
 
 _SLIVER = 1e-3
@@ -37,7 +37,8 @@ def reach_ball(robot: Robot, cover: SphereCover) -> ReachBall:
     for joint in range(robot.dof):
         parent = int(robot.parents[joint])
         start = robot.joint_xyz[joint] - (robot.joint_xyz[0] if parent == 0 else 0.0)
-        travel = max(abs(robot.lower[joint]), abs(robot.upper[joint])) if robot.prismatic[joint] else 0.0
+        farthest = max(abs(robot.lower[joint]), abs(robot.upper[joint])) + LIMIT_SLACK
+        travel = farthest if robot.prismatic[joint] else 0.0
         away[joint + 1] = away[parent] + float(np.linalg.norm(start)) + float(travel)
     moving = cover.link > 0
     sticks = np.linalg.norm(cover.centre[moving], axis=1) + cover.radius[moving]

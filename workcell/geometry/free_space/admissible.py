@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from workcell.errors import InputError, OutputError
 from workcell.geometry.types import FreeSpace, SphereCover
-from workcell.model.robot import Robot
+from workcell.model.robot import LIMIT_SLACK, Robot
 from workcell.pose import Array
 
 _CELLS = 4096
@@ -63,7 +63,7 @@ def _joints_to(robot: Robot, link: int) -> list[int]:
 
 
 def _cells(robot: Robot, joints: list[int]) -> tuple[Array, Array]:
-    """Middles (c, n) of a grid over the ranges of some joints, and the cells' half widths (n,)."""
+    """Middles (c, n) of a grid over the ranges of some joints, and the cells' half widths (n,), slack included."""
     middle = 0.5 * (robot.lower + robot.upper)
     half = np.zeros(robot.dof)
     if not joints:
@@ -71,8 +71,9 @@ def _cells(robot: Robot, joints: list[int]) -> tuple[Array, Array]:
     each = max(int(_CELLS ** (1 / len(joints))), 1)
     axes = []
     for joint in joints:
-        half[joint] = 0.5 * (robot.upper[joint] - robot.lower[joint]) / each
-        axes.append(robot.lower[joint] + half[joint] * (2 * np.arange(each) + 1))
+        cell = 0.5 * (robot.upper[joint] - robot.lower[joint]) / each
+        axes.append(robot.lower[joint] + cell * (2 * np.arange(each) + 1))
+        half[joint] = cell + LIMIT_SLACK
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(joints))
     q = np.tile(middle, (len(grid), 1))
     q[:, joints] = grid
@@ -83,7 +84,7 @@ def _ball(
     robot: Robot, T: Array, carrier: int, turned: list[int], rest: list[int], half: Array, centre: Array
 ) -> tuple[Array, float]:
     """Centres (c, 3) and the radius of balls that hold the sphere's centre while the joints stay in their cells."""
-    travel = robot.prismatic * np.maximum(np.abs(robot.lower), np.abs(robot.upper))
+    travel = robot.prismatic * (np.maximum(np.abs(robot.lower), np.abs(robot.upper)) + LIMIT_SLACK)
     if rest:
         point = robot.joint_xyz[rest[0]]
         beyond = float(np.linalg.norm(centre)) + float(travel[rest].sum())
@@ -142,7 +143,7 @@ def load_table(path: str | Path, robot: Robot, cover: SphereCover, free_space: F
 
 
 def _key(robot: Robot, cover: SphereCover, free_space: FreeSpace) -> bytes:
-    sha, robot = hashlib.sha256(b"workcell pairs 1"), robot.uncoupled
+    sha, robot = hashlib.sha256(b"workcell pairs 2"), robot.uncoupled
     base = robot.T_world_base
     for array in (
         *(robot.parents, robot.joint_xyz, robot.joint_rotation, robot.axis, robot.prismatic),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.ik.arms import gantry, planar
-from tests.ik.lifted_arms import skew_arm
+from tests.ik.lifted_arms import seven_axis, skew_arm
 from workcell.ik.branch.checker.setup import admissible
 from workcell.ik.cidgik.solver import prove_cidgik
 from workcell.ik.elementary.bounds import prove_impossible
@@ -19,7 +19,7 @@ from workcell.ik.registry import solver_names
 from workcell.ik.shared.limits import Interval
 from workcell.ik.solve import solve
 from workcell.model.robot import LIMIT_SLACK, Robot
-from workcell.pose import Array
+from workcell.pose import Array, Pose, axis_angle_to_matrix
 
 FINE = Tolerances(1e-9, 1e-9)
 """A thousandth of the slack: nothing that is accepted is so because of them."""
@@ -88,3 +88,20 @@ def test_a_skew_arm_at_its_limits_is_not_proved_out_of_reach() -> None:
         assert prove_cidgik(problem) is None
         assert not solve(problem, "branch", Budget(0.3)).status.is_proof
         assert not solve(problem, "ikspark", Budget(0.3)).status.is_proof
+
+
+@pytest.mark.parametrize("share", [0.5, 0.99])
+def test_what_the_judge_accepts_beside_a_target_is_never_proved_out_of_reach(share: float) -> None:
+    for robot, q in ((seven_axis(), np.zeros(7)), (planar((0.5, 0.4, 0.2), 1.2), np.zeros(3))):
+        pose, allowed = robot.fk(q), Tolerances()
+        outwards = (pose.position - robot.joint_xyz[0]) / np.linalg.norm(pose.position - robot.joint_xyz[0])
+        turn = axis_angle_to_matrix(np.array([0.6, 0.0, 0.8]), share * allowed.rotation)
+        target = Pose.from_rotation(pose.position + share * allowed.position * outwards, turn @ pose.rotation)
+        problem = IKProblem(robot, target, tolerances=allowed)
+        assert verify(problem, q).accepted
+        assert prove_impossible(problem) is None
+        for solver in ("auto", "branch", "ikspark", "cidgik"):
+            if solver != "cidgik" or robot.dof == 7:
+                assert not solve(problem, solver, Budget(0.5)).status.is_proof, solver
+        if robot.dof == 7:
+            assert prove_cidgik(problem) is None

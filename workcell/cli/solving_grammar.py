@@ -134,6 +134,11 @@ def _add_verify(commands: Commands) -> None:
     )
     verify.add_argument("answers", metavar="ANSWERS.jsonl", nargs="?", help="what `solve` or `plan` wrote")
     verify.add_argument(
+        "--exact",
+        action="store_true",
+        help="ask the second checker, in exact arithmetic, about trees of boxes too: up to some seconds a proof",
+    )
+    verify.add_argument(
         "--explain",
         metavar="FILE",
         help="show a certificate, or those of an answer file, in words: what is claimed, by which rule, what it rests "

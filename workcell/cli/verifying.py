@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from workcell.cli import exit_codes
-from workcell.cli.output import print_json, print_table
+from workcell.cli.output import print_json, print_table, progress_bar
 from workcell.errors import InputError
 
 if TYPE_CHECKING:
@@ -32,13 +32,17 @@ def verify(options: argparse.Namespace) -> int:
     from workcell.sets.paths import PathReport, holds_paths, verify_paths
     from workcell.sets.problems import load_problem_set
     from workcell.sets.reports import VerifyReport
+    from workcell.sets.second_opinion import second_opinions
     from workcell.sets.solving import verify_answers
 
     problem_set, answers = load_problem_set(Path(options.set)), Path(options.answers)
     report: PathReport | VerifyReport
-    report = (
-        verify_paths(problem_set, answers) if holds_paths(answers) else verify_answers(problem_set, answers)
-    )
+    if holds_paths(answers):
+        report = verify_paths(problem_set, answers)
+    else:
+        with progress_bar(f"verify {answers.name}", len(problem_set)) as bar:
+            second = second_opinions(Path(options.set), answers, trees=options.exact, progress=bar.step)
+        report = verify_answers(problem_set, answers, second)
     if options.json:
         print_json(report.to_json())
     else:

@@ -68,12 +68,14 @@ class SolveSummary:
 class VerifyReport:
     """What a re-check of answers came to: how many hold, and which were refused, why.
 
-    `certified` counts those of the solved that came with a proof of their own.
+    `certified` counts those of the solved that came with a proof of their own, `twice` the answers that the exact
+    checker was asked about as well, and accepts.
     """
 
     problems: int
     solved: int = 0
     certified: int = 0
+    twice: int = 0
     proved: int = 0
     unanswered: int = 0
     refused: list[str] = field(default_factory=list)
@@ -92,6 +94,7 @@ class VerifyReport:
             "problems": self.problems,
             "solved": self.solved,
             "certified": self.certified,
+            "checked_twice": self.twice,
             "proved": self.proved,
             "unanswered": self.unanswered,
             "missing": self.missing,

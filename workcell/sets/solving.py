@@ -6,7 +6,7 @@ import functools
 import hashlib
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from workcell.ik.registry import AUTO
 from workcell.ik.result import IKResult, Status
 from workcell.ik.solution.issue import certify_solution
 from workcell.ik.solve import check_solver_name, solve
+from workcell.proofs.exact.verdicts import Verdict
 from workcell.sets.answers import Answer, answer_line, certificate_folder, parse_answer
 from workcell.sets.lines import recheck
 from workcell.sets.problems import NamedProblem, ProblemSet
@@ -93,16 +94,40 @@ def solve_set(
     )
 
 
-def verify_answers(problem_set: ProblemSet, answers: Path) -> VerifyReport:
+def verify_answers(
+    problem_set: ProblemSet, answers: Path, second: Mapping[str, Verdict] | None = None
+) -> VerifyReport:
     """Re-check configurations and certificates of an answer file, without any solver.
+
+    Args:
+        problem_set: the problems.
+        answers: JSON lines.
+        second: what the exact checker says (`second_opinions`); where it was asked, both have to accept.
 
     Raises:
         InputError: the file can't be read. Lines that are no answers are refused in the report, by number.
     """
     report = VerifyReport(len(problem_set.problems))
     parse = functools.partial(parse_answer, folder=answers.parent)
-    recheck(problem_set, answers, report, parse, functools.partial(_judge, report))
+    recheck(problem_set, answers, report, parse, functools.partial(_judge_twice, report, second or {}))
     return report
+
+
+def _judge_twice(
+    report: VerifyReport, second: Mapping[str, Verdict], named: NamedProblem, answer: Answer
+) -> str | None:
+    """Why one of the two checkers refuses an answer, and whether they agree."""
+    other = second.get(named.id)
+    if other is None or not other.asked:
+        return _judge(report, named, answer)
+    if other.refusal is None:
+        reason = _judge(report, named, answer)
+        report.twice += reason is None
+        return None if reason is None else f"{reason} (the exact checker accepts it)"
+    reason = _judge(VerifyReport(0), named, answer)
+    if reason is None:
+        return f"the exact checker refuses what the first accepts: {other.refusal}"
+    return f"{reason} (the exact checker: {other.refusal})"
 
 
 def _judge(report: VerifyReport, named: NamedProblem, answer: Answer) -> str | None:

@@ -6,6 +6,7 @@ import json
 import math
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from workcell.proofs.exact.problems import Problem, read_problems
 
@@ -105,3 +106,19 @@ def tree(problem, nodes=(-1.0,), splits=(), named=(), clearance=0.0, **changes):
     scope = "geometry" if named else "kinematics"
     statement = tree_statement(leaves, clearance if named else None)
     return certificate("branch", scope, statement, 1e-4, **(data | changes))
+
+
+def matrix(quat):
+    w, x, y, z = np.array(quat) / np.linalg.norm(quat)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def quaternion(R):
+    x, y, z, w = Rotation.from_matrix(R).as_quat()
+    return [w, x, y, z]

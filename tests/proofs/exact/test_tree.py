@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.proofs.exact.documents import DOWN, about_z, joint, planar, problem, tree
+from tests.proofs.exact.documents import DOWN, about_z, joint, matrix, planar, problem, quaternion, tree
 from workcell.proofs.exact.reading import RefusedError
 from workcell.proofs.exact.tree import walk
 from workcell.proofs.exact.tree.fixed import ONE, TRIG_ERROR, cos_sin, root_down, root_up
@@ -148,24 +148,6 @@ def planted(folder, rng, n):
         )
     xyz = p + R @ robot["tool"]["xyz"]
     return problem(folder, robot, xyz.tolist(), quaternion(R @ matrix(robot["tool"]["quat"]))), q
-
-
-def matrix(quat):
-    w, x, y, z = np.array(quat) / np.linalg.norm(quat)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-def quaternion(R):
-    from scipy.spatial.transform import Rotation
-
-    x, y, z, w = Rotation.from_matrix(R).as_quat()
-    return [w, x, y, z]
 
 
 def random_tree(asked, rng, inner=6):

@@ -1,4 +1,4 @@
-"""Strict reading of JSON (rule 2.1): no key twice, not too large, not nested too deep, and numbers that are finite."""
+"""Strict reading of JSON (rule 2.1): no key twice, not too large, not too deep, and numbers that are finite."""
 
 from __future__ import annotations
 

@@ -38,13 +38,15 @@ class Verdict:
         line: its number, from 1.
         id: of the problem; empty where the line does not say.
         status: what it claims.
-        refusal: why it is refused; None where it holds, or claims nothing.
+        refusal: why it is refused; None where it holds, or nothing was asked.
+        asked: whether something was checked: not where nothing is claimed, or trees were left out.
     """
 
     line: int
     id: str
     status: str
     refusal: str | None
+    asked: bool = True
 
 
 def check(problem: Problem, document: object) -> Certificate:
@@ -62,8 +64,8 @@ def check(problem: Problem, document: object) -> Certificate:
     return certificate
 
 
-def judge_answers(set_file: Path, answers: Path) -> Iterator[Verdict]:
-    """What holds of a file of answers, line by line.
+def judge_answers(set_file: Path, answers: Path, *, trees: bool = True) -> Iterator[Verdict]:
+    """What holds of a file of answers, line by line; without `trees`, proofs of the kind `branch` are left out.
 
     Raises:
         RefusedError: one of the files can't be read.
@@ -83,17 +85,17 @@ def judge_answers(set_file: Path, answers: Path) -> Iterator[Verdict]:
             seen.add(identity)
             if identity not in problems:
                 raise RefusedError("the set has no such problem")
-            _judge(problems[identity], line, status, answers.parent)
+            asked = _judge(problems[identity], line, status, answers.parent, trees)
         except RefusedError as refusal:
             yield Verdict(number, identity, str(status), str(refusal))
         else:
-            yield Verdict(number, identity, status, None)
+            yield Verdict(number, identity, status, None, asked)
 
 
-def _judge(problem: Problem, line: dict[str, Any], status: object, folder: Path) -> None:
-    """Raises `RefusedError` where a line does not hold."""
+def _judge(problem: Problem, line: dict[str, Any], status: object, folder: Path, trees: bool) -> bool:
+    """Whether something was checked; raises `RefusedError` where it does not hold."""
     if status in UNDECIDED:
-        return
+        return False
     if not isinstance(status, str) or status not in SCOPE_OF_STATUS:
         raise RefusedError(f"the status {status!r} can't be proved: {', '.join(SCOPE_OF_STATUS)}")
     document = line.get("certificate")
@@ -101,13 +103,16 @@ def _judge(problem: Problem, line: dict[str, Any], status: object, folder: Path)
         q = doubles(line.get("q"), len(problem.arm.joints), "q")
         check_configuration(problem, q)
         if document is None:
-            return
+            return True
     elif document is None:
         raise RefusedError(f"{status} without a certificate")
     if isinstance(document, str):
         document = parse(read_text(folder / document, MOST_BYTES))
+    if not trees and isinstance(document, dict) and document.get("kind") == "branch":
+        return False
     certificate = check(problem, document)
     if certificate.scope != SCOPE_OF_STATUS[status]:
         raise RefusedError(f"{status}, and the certificate is about {certificate.scope!r}")
     if status == "SOLVED" and certificate.data["middle"].values != q:
         raise RefusedError("the certificate is about another configuration")
+    return True

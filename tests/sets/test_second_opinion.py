@@ -1,4 +1,4 @@
-"""Both checkers are asked about a file of answers; what one alone accepts is refused, and the disagreement named."""
+"""Both checkers are asked about a file of answers; what one of them refuses is refused, and named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The document's examples: accepted as they stand, refused when touched, and of no use for a target that is reached."""
+"""The examples of the document: accepted as they stand, refused when touched, no use where the target is reached."""
 
 from __future__ import annotations
 

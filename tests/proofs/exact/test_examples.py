@@ -1,4 +1,4 @@
-"""The examples of the document: accepted as they stand, refused when touched, no use where the target is reached."""
+"""The examples of the document: accepted as they stand, refused when touched, no use for a target in reach."""
 
 from __future__ import annotations
 

@@ -65,10 +65,11 @@ def _arm(robot: Robot) -> Arm:
 
 
 def pack_couple(robot: Robot) -> Couple:
-    """How the robot's joints follow from its variables, for a robot with a coupling."""
+    """How the robot's joints follow from its variables; empty where each joint is one."""
     from workcell.kernels.coupling import Couple
 
-    assert robot.coupling is not None
+    if robot.coupling is None:
+        return Couple(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
     return Couple(np.array(robot.coupling.variable), np.array(robot.coupling.coefficients))
 
 

@@ -61,6 +61,17 @@ class Coupling:
         """(..., m) second derivative of each joint by its variable."""
         return self._evaluate(_derivative(_derivative(self.coefficients)), q)
 
+    def spans(self, q: ArrayLike, half: ArrayLike) -> Array:
+        """(..., m) how far each joint may get from its value at q (..., n) while each variable stays within `half`."""
+        width = np.asarray(half, dtype=float)[..., self.variable]
+        total, rates, power = np.zeros_like(width), self.coefficients, np.ones_like(width)
+        for i in range(1, self.coefficients.shape[1]):
+            # the Taylor series is exact: its terms have the sizes |p^(i)| h^i / i!
+            rates, power = _derivative(rates), power * width / i
+            total += np.abs(self._evaluate(rates, q)) * power
+        spans: Array = total * (1.0 + 1e-12)
+        return np.where(np.arange(len(self.variable)) == self.own[self.variable], width, spans)
+
     def _evaluate(self, coefficients: Array, q: ArrayLike) -> Array:
         x = np.asarray(q, dtype=float)[..., self.variable]
         value: Array = np.zeros_like(x) + coefficients[:, -1]

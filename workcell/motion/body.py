@@ -12,7 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError
-from workcell.geometry.packing import axis_frames, pack_arm, pack_cover, pack_obstacles
+from workcell.geometry.packing import (
+    axis_frames,
+    joint_bounds,
+    pack_arm,
+    pack_couple,
+    pack_cover,
+    pack_obstacles,
+)
 from workcell.geometry.types import Piece, SphereCover
 from workcell.identity_cache import ByIdentity
 from workcell.ik.problem import Clearance
@@ -116,7 +123,7 @@ def pack_body(
     pairs, apart = _pairs(cover, spheres, self_pairs)
     body: Body = kernels().Body(
         arm.frames,
-        arm.bounds,
+        arm.bounds if robot.coupling is None else joint_bounds(robot, robot.lower, robot.upper),
         spheres,
         balls,
         rows,
@@ -126,6 +133,7 @@ def pack_body(
         apart,
         NO_CONE if upright is None else upright.row(),
         float(floor),
+        pack_couple(robot),
     )
     return body
 
@@ -203,7 +211,7 @@ def column_bounds(robot: Robot, cover: SphereCover) -> Array:
     joint, whose column of the Jacobian is a unit vector; 0 for joints that don't move the link. Remembered
     for a robot and its cover.
     """
-    bounds: Array = _columns.get((robot, cover), lambda: _column_bounds(robot, cover))
+    bounds: Array = _columns.get((robot, cover), lambda: _column_bounds(robot.uncoupled, cover))
     return bounds
 
 

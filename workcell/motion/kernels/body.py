@@ -5,7 +5,8 @@ Along a motion q(t) a sphere's centre x has x' = sum q_k' c_k with c_k the joint
     |x''| <= sum_k |c_k| (|q_k''| + |q_k'| (|q_k'| + 2 sum_{j < k} |q_j'|)),
 
 since turning joint j before joint k turns the column c_k, whose length no configuration makes larger than `reach`.
-Relative to link a only the joints after a count.
+Relative to link a only the joints after a count. Where joints follow others, configurations are of the n variables and
+all of that of the m joints.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.jit import inner
+from workcell.kernels.chain import forward
+from workcell.kernels.coupling import Couple, follow, spread
 from workcell.pose import Array
 
 
@@ -31,6 +34,7 @@ class Body(NamedTuple):
         apart: (m, m) 1 for rows of spheres that must, else 0.
         cone: (7,) an axis in the tool's frame, a direction in the world, and the least cosine between them (-2: any).
         floor: metres of clearance to keep.
+        couple: how joints follow from the variables; empty where each joint is one.
     """
 
     frames: Array
@@ -44,15 +48,18 @@ class Body(NamedTuple):
     apart: NDArray[np.uint8]
     cone: Array
     floor: float
+    couple: Couple
 
 
 class Room(NamedTuple):
     """Scratch of one query.
 
     Attributes:
-        T: (n + 2, 12) frames. W: (n + 1, 6) each link's velocity: of the point at the world's origin, angular.
-        A: (n + 1, n + 1) bound on accelerations of link b's spheres relative to link a.
-        q, rate, speed, push: (n,) configuration, its derivative, and bounds on first and second derivatives.
+        T: (m + 2, 12) frames. W: (m + 1, 6) each link's velocity: of the point at the world's origin, angular.
+        A: (m + 1, m + 1) bound on accelerations of link b's spheres relative to link a.
+        q, rate, speed, push: (m,) joint values, their derivatives, and bounds on first and second derivatives.
+        lead: (5, n) the same of the variables where joints follow them, and how far they get from the middle.
+        slope: (m,) of the joints by their variables, there.
         queue: (.., 2) intervals still to be proved.
     """
 
@@ -63,12 +70,15 @@ class Room(NamedTuple):
     rate: Array
     speed: Array
     push: Array
+    lead: Array
+    slope: Array
     queue: Array
 
 
 @inner
-def room(n: int, intervals: int) -> Room:
-    """Scratch for n joints and that many open intervals."""
+def room(body: Body, intervals: int) -> Room:
+    """Scratch for a body and that many open intervals."""
+    n = body.frames.shape[0] - 2
     return Room(
         np.empty((n + 2, 12)),
         np.zeros((n + 1, 6)),
@@ -77,8 +87,35 @@ def room(n: int, intervals: int) -> Room:
         np.empty(n),
         np.empty(n),
         np.zeros(n),
+        np.zeros((5, body.bounds.shape[1])),
+        np.empty(n),
         np.empty((intervals, 2)),
     )
+
+
+@inner
+def stand(body: Body, q: Array, work: Room) -> None:
+    """Frames at the configuration q (n,), into work.T; joints that follow and their slopes beside them."""
+    if body.couple.variable.shape[0] == 0:
+        forward(body.frames, q, work.T)
+    else:
+        follow(body.couple, q, work.q, work.slope)
+        forward(body.frames, work.q, work.T)
+
+
+@inner
+def lead(body: Body, work: Room) -> None:
+    """Rates of all joints, and bounds on them, from those of the variables in work.lead; the joints stand already.
+
+    With p the polynomial by which a joint follows x: (p(x))' = p' x', and |(p(x))''| <= |p'| |x''| + |p''| |x'|^2.
+    """
+    for k in range(work.q.shape[0]):
+        v = body.couple.variable[k]
+        steep, bent = spread(body.couple, k, work.lead[0, v], work.lead[4, v])
+        speed = work.lead[2, v]
+        work.rate[k] = work.slope[k] * work.lead[1, v]
+        work.speed[k] = steep * speed
+        work.push[k] = steep * work.lead[3, v] + bent * speed * speed
 
 
 @inner

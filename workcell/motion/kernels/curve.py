@@ -8,22 +8,22 @@ from __future__ import annotations
 
 from workcell.jit import inner, kernel
 from workcell.kernels.chain import forward
-from workcell.motion.kernels.body import Body, Room, accelerations, room, twists
+from workcell.motion.kernels.body import Body, Room, accelerations, lead, room, stand, twists
 from workcell.motion.kernels.line import BLOCKED, INTERVALS, PROVED, SPENT, TIGHT, WHOLE, Verdict
 from workcell.motion.kernels.steps import safe_steps
 from workcell.pose import Array
 
 
 @inner
-def _expand(coefficients: Array, t: float, half: float, work: Room) -> float:
-    """Position and rate at t, and bounds on first and second derivatives within `half` of it, into `work`.
+def _expand(body: Body, coefficients: Array, t: float, half: float, work: Room) -> float:
+    """Frames and rates at t, and bounds on first and second derivatives within `half` of it, into `work`.
 
-    Returns how far the joints can get from the middle, added up.
+    Returns how far the variables can get from the middle, added up.
     """
     n, size = coefficients.shape
-    total = 0.0
+    total, coupled = 0.0, body.couple.variable.shape[0] > 0
     for k in range(n):
-        speed, push, travel, power = 0.0, 0.0, 0.0, 1.0
+        speed, push, travel, power, place, rate = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0
         for m in range(size):
             # coefficient m of the polynomial around t: sum over j >= m of binomial(j, m) c_j t^(j - m)
             value, binomial, lift = 0.0, 1.0, 1.0
@@ -32,9 +32,9 @@ def _expand(coefficients: Array, t: float, half: float, work: Room) -> float:
                 binomial *= (j + 1.0) / (j + 1.0 - m)
                 lift *= t
             if m == 0:
-                work.q[k] = value
+                place = value
             elif m == 1:
-                work.rate[k] = value
+                rate = value
             # power is half^max(m - 2, 0)
             if m >= 1:
                 speed += m * abs(value) * (1.0 if m == 1 else power * half)
@@ -42,8 +42,17 @@ def _expand(coefficients: Array, t: float, half: float, work: Room) -> float:
             if m >= 2:
                 push += m * (m - 1.0) * abs(value) * power
                 power *= half
-        work.speed[k], work.push[k] = speed, push
+        if coupled:
+            work.lead[0, k], work.lead[1, k], work.lead[2, k] = place, rate, speed
+            work.lead[3, k], work.lead[4, k] = push, travel
+        else:
+            work.q[k], work.rate[k], work.speed[k], work.push[k] = place, rate, speed, push
         total += travel
+    if coupled:
+        stand(body, work.lead[0], work)
+        lead(body, work)
+    else:
+        forward(body.frames, work.q, work.T)
     return total
 
 
@@ -66,9 +75,8 @@ def prove_curve(
         begin, end = work.queue[head % size, 0], work.queue[head % size, 1]
         head += 1
         t, half = 0.5 * (begin + end), 0.5 * (end - begin)
-        travel = _expand(coefficients, t, half, work)
+        travel = _expand(body, coefficients, t, half, work)
         twisting = accelerations(body, work.speed, work.push, work.A)
-        forward(body.frames, work.q, work.T)
         twists(body.frames, work.T, work.rate, work.W)
         steps = safe_steps(body, work.T, work.W, work.A, twisting, half, keep, level)
         looks += 1
@@ -99,7 +107,7 @@ def prove_curves(
 ) -> int:
     """Prove k polynomial pieces (k, n, m) in turn, until one fails; `out` as in `prove_lines`."""
     level, looks = 1e3, 0
-    work = room(coefficients.shape[1], 16 * INTERVALS)
+    work = room(body, 16 * INTERVALS)
     gap, place, first, second = 1e3, 0.0, -1, -1
     code = PROVED
     for i in range(coefficients.shape[0]):

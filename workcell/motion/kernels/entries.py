@@ -1,5 +1,6 @@
 """What Python calls: every compiled entry point, and the structures and constants that go with them."""
 
+from workcell.kernels.coupling import Couple
 from workcell.motion.kernels.body import Body
 from workcell.motion.kernels.curve import prove_curves
 from workcell.motion.kernels.line import BLOCKED, PROVED, SPENT, TIGHT, gaps, prove_lines
@@ -35,6 +36,7 @@ __all__ = [
     "TIGHT",
     "Body",
     "Costs",
+    "Couple",
     "Trees",
     "gaps",
     "grow",

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 from workcell.jit import inner, kernel
 from workcell.kernels.chain import forward
-from workcell.motion.kernels.body import Body, Room, accelerations, room, twists
+from workcell.kernels.coupling import follow
+from workcell.motion.kernels.body import Body, Room, accelerations, lead, room, stand, twists
 from workcell.motion.kernels.steps import safe_steps
 from workcell.pose import Array
 
@@ -39,6 +40,37 @@ class Verdict(NamedTuple):
 
 
 @inner
+def _begin(body: Body, a: Array, b: Array, work: Room) -> float:
+    """Rates from a to b (n,), and what bounds them all along, into `work`; how far that is, all variables added up."""
+    n, total = a.shape[0], 0.0
+    if body.couple.variable.shape[0] == 0:
+        for k in range(n):
+            work.rate[k] = b[k] - a[k]
+            work.speed[k] = abs(work.rate[k])
+            work.push[k] = 0.0
+            total += work.speed[k]
+        return total
+    for k in range(n):
+        way = b[k] - a[k]
+        work.lead[0, k], work.lead[1, k], work.lead[2, k] = 0.5 * (a[k] + b[k]), way, abs(way)
+        work.lead[3, k], work.lead[4, k] = 0.0, 0.5 * abs(way)
+        total += abs(way)
+    follow(body.couple, work.lead[0], work.q, work.slope)
+    lead(body, work)
+    return total
+
+
+@inner
+def _stand_on(body: Body, a: Array, t: float, work: Room) -> None:
+    """Frames and rates a share t of the way from a (n,) on, where joints follow; what `_begin` bounded stays."""
+    for k in range(a.shape[0]):
+        work.lead[0, k] = a[k] + t * work.lead[1, k]
+    stand(body, work.lead[0], work)
+    for k in range(work.q.shape[0]):
+        work.rate[k] = work.slope[k] * work.lead[1, body.couple.variable[k]]
+
+
+@inner
 def prove_line(
     body: Body, a: Array, b: Array, keep: float, level: float, finest: float, most: int, work: Room
 ) -> Verdict:
@@ -49,12 +81,7 @@ def prove_line(
         finest: radians (of all joints together) below which a step ends the proof.
         most: configurations to look at.
     """
-    n, total = a.shape[0], 0.0
-    for k in range(n):
-        work.rate[k] = b[k] - a[k]
-        work.speed[k] = abs(work.rate[k])
-        work.push[k] = 0.0
-        total += work.speed[k]
+    total, coupled = _begin(body, a, b, work), body.couple.variable.shape[0] > 0
     twisting = accelerations(body, work.speed, work.push, work.A)
     smallest = finest / max(total, finest)
     gap, first, second, place = 1e3, -1, -1, 0.5
@@ -64,9 +91,12 @@ def prove_line(
         begin, end = work.queue[head % size, 0], work.queue[head % size, 1]
         head += 1
         t, half = 0.5 * (begin + end), 0.5 * (end - begin)
-        for k in range(n):
-            work.q[k] = a[k] + t * work.rate[k]
-        forward(body.frames, work.q, work.T)
+        if coupled:
+            _stand_on(body, a, t, work)
+        else:
+            for k in range(a.shape[0]):
+                work.q[k] = a[k] + t * work.rate[k]
+            forward(body.frames, work.q, work.T)
         twists(body.frames, work.T, work.rate, work.W)
         steps = safe_steps(body, work.T, work.W, work.A, twisting, half, keep, level)
         looks += 1
@@ -97,8 +127,8 @@ def prove_lines(body: Body, points: Array, keep: float, finest: float, most: int
 
     Into out (7,): the last verdict, with `at` as a path parameter and the smallest of levels and gaps.
     """
-    n, level, looks = points.shape[1], 1e3, 0
-    work = room(n, 16 * INTERVALS)
+    level, looks = 1e3, 0
+    work = room(body, 16 * INTERVALS)
     gap, place, first, second = 1e3, 0.0, -1, -1
     code = PROVED
     for i in range(points.shape[0] - 1):
@@ -124,9 +154,8 @@ def gaps(body: Body, q: Array, limit: float, out: Array) -> None:
 
     The body has a floor below any clearance, and no cone.
     """
-    n = q.shape[1]
-    work = room(n, 1)
+    work = room(body, 1)
     for i in range(q.shape[0]):
-        forward(body.frames, q[i], work.T)
+        stand(body, q[i], work)
         steps = safe_steps(body, work.T, work.W, work.A, 0.0, 0.0, 1.0, limit)
         out[i, 0], out[i, 1], out[i, 2] = steps.gap, float(steps.first), float(steps.second)

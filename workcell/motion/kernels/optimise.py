@@ -212,7 +212,7 @@ def improve(
     """
     n, capacity = trees.nodes.shape[2], trees.nodes.shape[1]
     sample, q, weights = np.empty(n), np.empty(n), np.empty(trees.roots[1])
-    work = room(n, INTERVALS)
+    work = room(body, INTERVALS)
     total = _ellipsoids(trees, bound, weights)
     for _ in range(iterations):
         if max(trees.size[0], trees.size[1]) >= capacity - 1:

@@ -151,7 +151,7 @@ def shorten(
         tally: (2,) counts lines tried and configurations looked at.
     """
     n = path.shape[1]
-    a, b, work = np.empty(n), np.empty(n), room(n, INTERVALS)
+    a, b, work = np.empty(n), np.empty(n), room(body, INTERVALS)
     count = _skip_corners(body, path, count, tally, work)
     failures = 0
     for _ in range(tries):

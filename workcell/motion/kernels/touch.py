@@ -6,10 +6,10 @@ A yes is final. A no proves nothing: it says that a proof is worth its time.
 from __future__ import annotations
 
 from workcell.jit import inner
-from workcell.kernels.chain import carried, forward
+from workcell.kernels.chain import carried
 from workcell.kernels.distance import hull_height, signed_distance
 from workcell.kernels.shape_kinds import BOX, HALFSPACE, HULL
-from workcell.motion.kernels.body import Body, Room
+from workcell.motion.kernels.body import Body, Room, stand
 from workcell.pose import Array
 
 
@@ -99,8 +99,8 @@ def free_samples(body: Body, a: Array, b: Array, count: int, work: Room) -> int:
     for i in range(1, count + 1):
         share = i / count
         for k in range(a.shape[0]):
-            work.q[k] = a[k] + share * (b[k] - a[k])
-        forward(body.frames, work.q, work.T)
+            work.lead[0, k] = a[k] + share * (b[k] - a[k])
+        stand(body, work.lead[0], work)
         if _touches_obstacles(body, work.T) or _touches_itself(body, work.T):
             return i - 1
     return count

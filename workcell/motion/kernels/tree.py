@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.jit import inner, kernel
-from workcell.kernels.chain import forward
 from workcell.kernels.constants import HUGE
+from workcell.kernels.coupling import gather
 from workcell.kernels.random import RandomState, uniform
-from workcell.motion.kernels.body import Body, Room, room
+from workcell.motion.kernels.body import Body, Room, room, stand
 from workcell.motion.kernels.line import INTERVALS, PROVED, prove_line
 from workcell.motion.kernels.touch import free_samples
 from workcell.pose import Array
@@ -87,30 +87,37 @@ def tilt_upright(body: Body, q: Array, work: Room) -> bool:
 
     Newton's method on the cosine along its gradient, aimed a little inside the cone.
     """
-    n, cone = q.shape[0], body.cone
+    n, m, cone = q.shape[0], work.T.shape[0] - 2, body.cone
+    coupled = body.couple.variable.shape[0] > 0
     wanted = cone[6] + 0.02 * (1.0 - cone[6])
     for _ in range(30):
-        forward(body.frames, q, work.T)
+        stand(body, q, work)
         T = work.T
-        x = T[n + 1, 0] * cone[0] + T[n + 1, 1] * cone[1] + T[n + 1, 2] * cone[2]
-        y = T[n + 1, 3] * cone[0] + T[n + 1, 4] * cone[1] + T[n + 1, 5] * cone[2]
-        z = T[n + 1, 6] * cone[0] + T[n + 1, 7] * cone[1] + T[n + 1, 8] * cone[2]
+        x = T[m + 1, 0] * cone[0] + T[m + 1, 1] * cone[1] + T[m + 1, 2] * cone[2]
+        y = T[m + 1, 3] * cone[0] + T[m + 1, 4] * cone[1] + T[m + 1, 5] * cone[2]
+        z = T[m + 1, 6] * cone[0] + T[m + 1, 7] * cone[1] + T[m + 1, 8] * cone[2]
         missing = wanted - (x * cone[3] + y * cone[4] + z * cone[5])
         if missing <= 0.0:
             return True
         # d cosine / dq_k = axis_k . (tool axis x direction)
         cx, cy, cz = y * cone[5] - z * cone[4], z * cone[3] - x * cone[5], x * cone[4] - y * cone[3]
         square = 0.0
-        for k in range(n):
+        for k in range(m):
             work.push[k] = 0.0
             if body.frames[k + 1, 12] == 0.0:
                 work.push[k] = T[k + 1, 2] * cx + T[k + 1, 5] * cy + T[k + 1, 8] * cz
-            square += work.push[k] * work.push[k]
+        if coupled:
+            gather(body.couple, work.slope, work.push, work.lead[3])
+        else:
+            for k in range(n):
+                work.lead[3, k] = work.push[k]
+        for k in range(n):
+            square += work.lead[3, k] * work.lead[3, k]
         if square < 1e-10:
             return False
         share = min((missing + 1e-6) / square, 0.5 / math.sqrt(square))
         for k in range(n):
-            q[k] = min(max(q[k] + share * work.push[k], body.bounds[0, k]), body.bounds[1, k])
+            q[k] = min(max(q[k] + share * work.lead[3, k], body.bounds[0, k]), body.bounds[1, k])
     return False
 
 
@@ -186,7 +193,7 @@ def grow(body: Body, trees: Trees, length: float, iterations: int, meeting: NDAr
     """
     n, capacity = trees.nodes.shape[2], trees.nodes.shape[1]
     sample, q = np.empty(n), np.empty(n)
-    work = room(n, INTERVALS)
+    work = room(body, INTERVALS)
     for _ in range(iterations):
         if max(trees.size[0], trees.size[1]) >= capacity - 1:
             return FULL

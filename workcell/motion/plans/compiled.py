@@ -106,8 +106,9 @@ def bare_body() -> Body:
     """One joint with nothing on it, for compiling."""
     empty = np.zeros((0, 6)), np.zeros((2, 6)), np.zeros((0, 19)), np.zeros((0, 13))
     alone = np.zeros((0, 2), dtype=np.int64), np.zeros((0, 0), dtype=np.uint8)
+    couple = kernels().Couple(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
     body: Body = kernels().Body(
-        np.zeros((3, 13)), np.zeros((3, 1)), *empty, np.zeros((2, 1)), *alone, NO_CONE, 0.0
+        np.zeros((3, 13)), np.zeros((3, 1)), *empty, np.zeros((2, 1)), *alone, NO_CONE, 0.0, couple
     )
     return body
 

@@ -104,7 +104,7 @@ class _PathProof:
         self.problem, self.points, self.cover = problem, points, problem.cover
         self.links = BatchLinks(problem.robot)
         self.distances = ExactDistances(problem.obstacles)
-        self.carried = self.cover.link[:, None] > np.arange(problem.robot.dof)
+        self.carried = self.cover.link[:, None] > np.arange(problem.robot.joint_count)
 
     def run(self, length: float) -> PathVerdict:
         segments = max(len(self.points) - 1, 1)
@@ -169,15 +169,28 @@ class _PathProof:
         nearest = distances.argmin(axis=2)
         gaps = np.take_along_axis(distances, nearest[..., None], axis=2)[..., 0] - self.cover.radius
         robot = self.problem.robot
+        half = _joint_widths(robot, q, half)
         axis = np.einsum("kjab,jb->kja", R[:, 1:], robot.axis)
         chord = np.where(robot.prismatic, 0.0, 2 * np.sin(np.minimum(half, np.pi) / 2))
         slide = np.where(robot.prismatic, half, 0.0)
         moved = np.zeros(gaps.shape)
-        for j in range(robot.dof - 1, -1, -1):
+        for j in range(robot.joint_count - 1, -1, -1):
             arm = np.linalg.norm(np.cross(centres - p[:, None, j + 1], axis[:, None, j]), axis=2)
             turned = slide[:, None, j] + chord[:, None, j] * (arm + moved)
             moved += np.where(self.carried[:, j], turned, 0.0)
         return gaps, nearest, moved
+
+
+def _joint_widths(robot: Robot, q: Array, half: Array) -> Array:
+    """(k, m) how far each joint may be from its value at q (k, n) while each variable is within `half` of its own."""
+    if robot.coupling is None:
+        return half
+    middle, width = q[:, robot.coupling.variable], half[:, robot.coupling.variable]
+    reach, total = np.abs(middle) + width, np.zeros_like(width)
+    for power in range(1, robot.coupling.coefficients.shape[1]):
+        # |x^i - c^i| <= i |x - c| max(|x|, |c|)^(i - 1)
+        total += np.abs(robot.coupling.coefficients[:, power]) * power * width * reach ** (power - 1)
+    return total
 
 
 class BatchLinks:

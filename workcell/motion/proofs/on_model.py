@@ -90,10 +90,11 @@ def link_motion(robot: Robot, q: Array, half: Array, extent: SphereCover) -> Arr
         (n + 1, n + 1) metres, upper bounds: row a, column b > a for points of link b as seen from link a; row 0 is the
         world. Zero elsewhere.
     """
-    bounds = np.empty((robot.dof + 1, robot.dof + 1))
-    _kernels().link_motion(
-        pack_tree(robot), pack_cover(robot, extent)[0], np.array(q, dtype=float), np.array(half), bounds
-    )
+    bounds = np.empty((robot.joint_count + 1, robot.joint_count + 1))
+    values, widths = np.array(robot.joint_values(q), dtype=float), np.array(half, dtype=float)
+    if robot.coupling is not None:
+        widths = robot.coupling.spans(np.asarray(q, dtype=float), widths)
+    _kernels().link_motion(pack_tree(robot), pack_cover(robot, extent)[0], values, widths, bounds)
     return bounds
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError
 from workcell.geometry.types import Piece, SphereCover
@@ -107,7 +107,7 @@ class CoverProver:
                 f"the motion moves {motion.coefficients.shape[1]} joints, {self.robot.name} has {self.robot.dof}",
                 where="motion",
             )
-        if np.any(self.robot.prismatic):
+        if np.any(self._bounded()):
             self._check_slides(motion.divided(_PARTS).largest(0).max(axis=0), "motion")
         out = np.empty(7)
         coefficients = np.ascontiguousarray(motion.coefficients)
@@ -120,7 +120,7 @@ class CoverProver:
         """What carries a slide's links far out turns faster: the bounds hold for slides within their limits alone."""
         robot = self.robot
         travel = np.maximum(np.abs(robot.lower), np.abs(robot.upper)) + LIMIT_SLACK
-        beyond = np.flatnonzero(robot.prismatic & (largest > travel))
+        beyond = np.flatnonzero(self._bounded() & (largest > travel))
         if len(beyond):
             k = int(beyond[0])
             raise InputError(
@@ -128,6 +128,14 @@ class CoverProver:
                 f"outside [{robot.lower[k]:.6g}, {robot.upper[k]:.6g}]",
                 where=where,
             )
+
+    def _bounded(self) -> NDArray[np.bool_]:
+        """(n,) bool: variables that slides, or joints that follow by more than a turn, depend on."""
+        coupling = self.robot.coupling
+        if coupling is None:
+            return self.robot.prismatic
+        moved = coupling.variable[self.robot.prismatic]
+        return np.isin(np.arange(self.robot.dof), moved)
 
     def _floored(self, floor: float, keep: float) -> object:
         if not np.isfinite(floor):

@@ -82,6 +82,12 @@ class Coupling:
         )
         return value
 
+    def moving(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
+        """Values, velocities and accelerations (..., m) of the joints, of those of the variables (..., n)."""
+        slopes, v = self.slopes(q), self.variable
+        bent = self.bends(q) * qd[..., v] ** 2
+        return self.values(q), slopes * qd[..., v], slopes * qdd[..., v] + bent
+
     def variables(self, joints: ArrayLike) -> Array:
         """Variables (..., n) of joint values (..., m) that keep the coupling."""
         values: Array = np.asarray(joints, dtype=float)[..., self.own]

@@ -177,6 +177,14 @@ class Robot:
         """Values (..., m) of all joints at configurations (..., n)."""
         return np.asarray(q, dtype=float) if self.coupling is None else self.coupling.values(q)
 
+    def joint_motion(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
+        """Values, velocities and accelerations (..., m) of all joints, of those of the variables (..., n)."""
+        return (q, qd, qdd) if self.coupling is None else self.coupling.moving(q, qd, qdd)
+
+    def variable_forces(self, q: Array, forces: Array) -> Array:
+        """Forces (..., n) on the variables at q (..., n) that do what forces (..., m) on the joints would."""
+        return forces if self.coupling is None else self.coupling.gathered(forces, q)
+
     @property
     def uncoupled(self) -> Robot:
         """The robot whose m joints move by themselves, each within the range that the coupling leaves it.

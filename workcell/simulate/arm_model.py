@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workcell.errors import ModelError
-from workcell.model.loading.actuators import is_motor
+from workcell.model.loading.actuators import actuator_of_joint, is_motor
 from workcell.model.scene_parts import SceneRobot
 from workcell.pose import Array, matrix_to_quat
 from workcell.simulate.imperfections import Imperfections
@@ -50,40 +50,41 @@ class ArmModel:
         bits = mujoco.mjtDisableBit
         self._model.opt.disableflags |= bits.mjDSBL_CONTACT | bits.mjDSBL_EQUALITY | bits.mjDSBL_LIMIT
         self._data = mujoco.MjData(self._model)
-        self._dofs, self._qpos = robot.dof_addresses, robot.qpos_addresses
+        self._robot, self._dofs = robot, robot.joint_dof_addresses
         self.gear = _motor_gears(model, robot)
         self.effort = np.array(robot.robot.effort)
         for body, factor in self._imperfections.link_factors(robot.body_ids).items():
             self._model.body_mass[body] *= factor
             self._model.body_inertia[body] *= factor
         self._plain = copy.copy(self._model)
-        self._start = np.array(robot.start)
+        self._start = self._q = np.array(robot.start)
         self._compensated = model.jnt_actgravcomp[model.dof_jntid[self._dofs]].astype(bool)
         self._lifted: dict[int, list[tuple[Array, Array]]] = {}
         self._rng = np.random.default_rng([self._imperfections.seed, int(self._dofs[0])])
 
     def inverse(self, qpos: Array, qvel: Array, q: Array, qd: Array, qdd: Array) -> Array:
-        """(n,) joint torques that accelerate the arm by `qdd` at `q`, `qd` (n,), the rest of the scene unaccelerated.
+        """(n,) torques that accelerate the arm by `qdd` at `q`, `qd` (n,), the rest of the scene unaccelerated.
 
         Args:
             qpos, qvel: raw state of the whole scene; the arm's own part of it is replaced.
             q, qd, qdd: (n,) of the arm.
         """
-        data = self._data
+        data, chain = self._data, self._robot.robot
         data.qpos[:], data.qvel[:], data.qacc[:] = qpos, qvel, 0.0
-        data.qpos[self._qpos], data.qvel[self._dofs], data.qacc[self._dofs] = q, qd, qdd
+        self._robot.place(data.qpos, q)
+        _, data.qvel[self._dofs], data.qacc[self._dofs] = chain.joint_motion(q, qd, qdd)
+        self._q = np.array(q)
         self._mujoco.mj_inverse(self._model, data)
-        torque: Array = data.qfrc_inverse[self._dofs] - self._lift()
-        return torque
+        return chain.variable_forces(self._q, data.qfrc_inverse[self._dofs] - self._lift())
 
     def command(self, torque: Array) -> Array:
         """(n,) control values for torques where `inverse` was asked last; what they compensate, they do unasked."""
         unasked = np.where(self._compensated, self._data.qfrc_gravcomp[self._dofs], 0.0)
-        values: Array = (torque - unasked) / self.gear
+        values: Array = (torque - self._robot.robot.variable_forces(self._q, unasked)) / self.gear
         return values
 
     def _lift(self) -> Array:
-        """(n,) torques of the weight that what is carried has compensated, where `inverse` was asked last."""
+        """(m,) torques of the weight that what is carried has compensated, where `inverse` was asked last."""
         lift, jacobian = np.zeros(self._model.nv), np.zeros((3, self._model.nv))
         for hand, forces in self._lifted.items():
             at, R = self._data.xpos[hand], self._data.xmat[hand].reshape(3, 3)
@@ -100,15 +101,17 @@ class ArmModel:
         """
         data = self._data
         data.qpos[:] = qpos
-        data.qpos[self._qpos] = self._start
+        self._robot.place(data.qpos, self._start)
         self._mujoco.mj_forward(self._model, data)
         full = np.zeros((self._model.nv, self._model.nv))
         self._mujoco.mj_fullM(self._model, data, full)
-        return full[np.ix_(self._dofs, self._dofs)]
+        # what follows hangs on a constraint that gives: in the first moment it is not moved along
+        return full[np.ix_(self._robot.dof_addresses, self._robot.dof_addresses)]
 
     def measured(self, qpos: Array, qvel: Array) -> tuple[Array, Array]:
         """(n,) positions and velocities of the joints as the controller's sensors report them."""
-        return self._imperfections.sensed(qpos[self._qpos], qvel[self._dofs], self._rng)
+        own = self._robot
+        return self._imperfections.sensed(qpos[own.qpos_addresses], qvel[own.dof_addresses], self._rng)
 
     def clamped(self, torque: Array) -> tuple[Array, bool]:
         """Torques (n,) within the effort limits, and whether any was beyond."""
@@ -190,7 +193,9 @@ def combined_inertia(masses: Array, centres: Array, inertias: Array) -> tuple[fl
 
 
 def _motor_gears(model: mujoco.MjModel, robot: SceneRobot) -> Array:
-    for actuator in robot.actuator_ids:
+    joints = model.dof_jntid[robot.joint_dof_addresses]
+    drives = (actuator_of_joint(model, int(joint)) for joint in joints)
+    for actuator in (a for a in drives if a is not None):
         if not is_motor(model, int(actuator)):
             raise ModelError(
                 f"the actuator {model.actuator(actuator).name!r} is not a torque motor",

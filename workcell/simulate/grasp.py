@@ -44,7 +44,7 @@ class Hand:
         actuator = model.actuator(robot.gripper).id
         low, high = model.actuator_ctrlrange[actuator]
         carried = robot.hand_ids
-        arm = {int(dof) for dof in robot.dof_addresses}
+        arm = {int(dof) for dof in robot.joint_dof_addresses}
         roots = [
             body
             for body in sorted(carried)

@@ -13,7 +13,7 @@ from workcell.errors import InputError, ModelError, UnknownNameError
 from workcell.model.loading.actuators import actuator_of_joint
 from workcell.model.loading.assets import find_asset, find_task, is_path, list_assets, list_tasks
 from workcell.model.loading.compiled import compiled_robot
-from workcell.model.loading.couplings import settled
+from workcell.model.loading.couplings import harden, settled
 from workcell.model.loading.labels import keep_apart
 from workcell.model.loading.load import compile_spec, load_spec
 from workcell.model.loading.placing import cell_site
@@ -180,6 +180,8 @@ def scene_robot(
     links = (tuple(body for body in base if body in mine.own), *carried)
     guests = mine.guests.intersection(body for link in carried for body in link)
     variables = [joints[k] for k in found.variables]
+    if robot.coupling is not None:
+        harden(model, joints)
     passive = [j for body in mine.own for j in joints_of(model, body) if j not in joints]
     return SceneRobot(
         name=entry.name,

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 from workcell.errors import ModelError
+from workcell.model.loading.couplings import HARD
 
 if TYPE_CHECKING:
     import mujoco
@@ -132,6 +133,7 @@ def _lock(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, deviation: float) -> None
         name1=joint.name,
     )
     lock.data[:5] = [deviation, 0.0, 0.0, 0.0, 0.0]
+    lock.solref, lock.solimp = HARD
 
 
 def texts_of(path: Path, inside: tuple[Path, ...] = ()) -> list[str]:

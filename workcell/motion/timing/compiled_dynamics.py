@@ -50,6 +50,7 @@ class CompiledDynamics:
 
         refuse_yielding(scene, robot)
         self._mujoco, self._robot, self._share = mujoco, robot, share
+        self._dofs = robot.joint_dof_addresses
         self._model = copy.copy(scene.model)
         self._fluid = float(self._model.opt.density), float(self._model.opt.viscosity)
         bits = mujoco.mjtDisableBit
@@ -82,28 +83,30 @@ class CompiledDynamics:
 
     def dry(self, q: Array, qd: Array) -> Array:
         """(T, n) torques against dry friction, of joints and tendons, in the directions of `qd`; 0 for what rests."""
-        fastest = np.abs(qd).max(axis=1, keepdims=True)
-        sliding = np.divide(_SLIDING * qd, fastest, out=np.zeros_like(qd), where=fastest > 0)
+        speed = self._robot.robot.joint_motion(q, qd, np.zeros_like(q))[1]
+        fastest = np.abs(speed).max(axis=1, keepdims=True)
+        sliding = np.divide(_SLIDING * speed, fastest, out=np.zeros_like(speed), where=fastest > 0)
         self._set(dry=True, viscous=False)
         found = []
         for here, direction in zip(q, sliding, strict=True):
-            self._move(here, np.zeros_like(here), direction)
+            self._move(here, np.zeros_like(direction), direction)
             self._mujoco.mj_inverse(self._model, self._data)
-            found.append(-self._data.qfrc_constraint[self._robot.dof_addresses])
-        return np.array(found)
+            found.append(-self._data.qfrc_constraint[self._dofs])
+        return self._robot.robot.variable_forces(q, np.array(found))
 
     def _inverse(self, q: Array, qd: Array, qdd: Array, *, dry: bool, viscous: bool) -> Array:
         self._set(dry, viscous)
         rows = []
         for row in zip(q, qd, qdd, strict=True):
-            self._move(*row)
-            jacobian = None if self._held is None else self._carry(self._held, row[1], row[2])
+            _, speed, push = self._robot.robot.joint_motion(*row)
+            self._move(row[0], speed, push)
+            jacobian = None if self._held is None else self._carry(self._held, speed, push)
             self._mujoco.mj_inverse(self._model, self._data)
-            torque = self._data.qfrc_inverse[self._robot.dof_addresses]
+            torque = self._data.qfrc_inverse[self._dofs]
             if jacobian is not None and self._held is not None:
                 torque = torque + self._share * jacobian.T @ self._data.qfrc_inverse[self._free(self._held)]
             rows.append(np.array(torque))
-        return np.array(rows)
+        return self._robot.robot.variable_forces(q, np.array(rows))
 
     def _set(self, dry: bool, viscous: bool) -> None:
         bits, option = self._mujoco.mjtDisableBit, self._model.opt
@@ -115,10 +118,11 @@ class CompiledDynamics:
         option.density, option.viscosity = self._fluid if viscous else (0.0, 0.0)
 
     def _move(self, q: Array, qd: Array, qdd: Array) -> None:
-        """The robot moves, and nothing else."""
-        data, dofs = self._data, self._robot.dof_addresses
+        """The robot moves, and nothing else: variables q (n,), joint velocities and accelerations (m,)."""
+        data = self._data
         data.qpos[:], data.qvel[:], data.qacc[:] = self._rest, 0.0, 0.0
-        data.qpos[self._robot.qpos_addresses], data.qvel[dofs], data.qacc[dofs] = q, qd, qdd
+        self._robot.place(data.qpos, q)
+        data.qvel[self._dofs], data.qacc[self._dofs] = qd, qdd
 
     def _carry(self, held: SceneObject, qd: Array, qdd: Array) -> Array:
         """Move the object in the hand along; (6, n) its own velocities for those of the joints.
@@ -126,7 +130,7 @@ class CompiledDynamics:
         MuJoCo has a free body's velocity in the world's axes, its turning in its own.
         """
         mj, model, data = self._mujoco, self._model, self._data
-        q, dofs = data.qpos[self._robot.qpos_addresses], self._robot.dof_addresses
+        q, dofs = data.qpos[self._robot.qpos_addresses], self._dofs
         link = self._robot.robot.tool().link
         T = Pose.from_matrix(self._robot.robot.link_transforms(np.array(q))[link]) @ self._T_link_object
         mj.mj_kinematics(model, data)
@@ -159,7 +163,7 @@ def lacks(scene: Scene, robot: SceneRobot, attached: str | None = None) -> tuple
     """
     import mujoco
 
-    model, dofs = scene.model, robot.dof_addresses
+    model, dofs = scene.model, robot.joint_dof_addresses
     joints = np.unique(model.dof_jntid[dofs])
     bodies = sorted(
         robot.body_ids | (scene.object(attached).body_ids if attached is not None else frozenset())
@@ -205,7 +209,7 @@ def _acts(model: mujoco.MjModel, tendon: int, joints: Array) -> bool:
 def refuse_yielding(scene: Scene, robot: SceneRobot) -> None:
     """Raise ModelError where a spring yields: what it pulls with depends on how far it was stretched before."""
     model = scene.model
-    for joint in np.unique(model.dof_jntid[robot.dof_addresses]):
+    for joint in np.unique(model.dof_jntid[robot.joint_dof_addresses]):
         if model.jnt_springyield[joint] > 0:
             name = f"joint {model.joint(int(joint)).name!r}"
             break

@@ -71,7 +71,7 @@ class ChainDynamics:
 
         self._pin = pinocchio
         self.robot = scene.robot(robot)
-        dofs = self.robot.dof_addresses
+        dofs = self.robot.joint_dof_addresses
         self._armature, self._damping = scene.model.dof_armature[dofs], scene.model.dof_damping[dofs]
         self.lacking = lacks(scene, self.robot, None if attached is None else attached[0])
         self._compiled = CompiledDynamics(scene, self.robot, attached, share) if self.lacking else None
@@ -90,10 +90,12 @@ class ChainDynamics:
             inertias[tool.link] += [(share * mass, frame @ T, share * moments) for mass, T, moments in parts]
         base = chain.T_world_base
         parent, placement = 0, pin.SE3(base.rotation, base.position)
-        for k in range(chain.dof):
+        for k in range(chain.joint_count):
             step = placement * pin.SE3(np.array(chain.joint_rotation[k]), np.array(chain.joint_xyz[k]))
             kind = pin.JointModelPrismaticUnaligned if chain.prismatic[k] else pin.JointModelRevoluteUnaligned
-            parent = self._model.addJoint(parent, kind(np.array(chain.axis[k])), step, chain.joint_names[k])
+            parent = self._model.addJoint(
+                parent, kind(np.array(chain.axis[k])), step, chain.all_joint_names[k]
+            )
             for mass, T, moments in inertias[k + 1]:
                 body = pin.Inertia(mass, np.zeros(3), np.diag(moments))
                 self._model.appendBodyToJoint(parent, body, pin.SE3(T.rotation, np.array(T.position)))
@@ -107,7 +109,7 @@ class ChainDynamics:
         """
         if self._compiled is not None:
             return self._compiled.at(q, qd, qdd)
-        total: Array = self._of_masses(q, qd, qdd) + self._damping * qd
+        total: Array = self._of_masses(q, qd, qdd) + self.viscous(q, qd)
         return total
 
     def rigid(self, q: Array, qd: Array, qdd: Array) -> Array:
@@ -116,17 +118,20 @@ class ChainDynamics:
 
     def viscous(self, q: Array, qd: Array) -> Array:
         """(T, n) torques against damping and drag."""
-        linear: Array = self._damping * qd
-        return linear if self._compiled is None else self._compiled.viscous(q, qd)
+        if self._compiled is not None:
+            return self._compiled.viscous(q, qd)
+        chain = self.robot.robot
+        return chain.variable_forces(q, self._damping * chain.joint_motion(q, qd, np.zeros_like(q))[1])
 
     def dry(self, q: Array, qd: Array) -> Array:
         """(T, n) torques against dry friction, in the directions of `qd`, however small; 0 at rest."""
         return np.zeros_like(q) if self._compiled is None else self._compiled.dry(q, qd)
 
     def _of_masses(self, q: Array, qd: Array, qdd: Array) -> Array:
-        rows = [self._pin.rnea(self._model, self._data, *row).copy() for row in zip(q, qd, qdd, strict=True)]
-        total: Array = np.array(rows) + self._armature * qdd
-        return total
+        moving = self.robot.robot.joint_motion(q, qd, qdd)
+        rows = [self._pin.rnea(self._model, self._data, *row).copy() for row in zip(*moving, strict=True)]
+        total: Array = np.array(rows) + self._armature * moving[2]
+        return self.robot.robot.variable_forces(q, total)
 
     @property
     def kinematics(self) -> Robot:

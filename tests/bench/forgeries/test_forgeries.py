@@ -12,8 +12,9 @@ import pytest
 from workcell.bench.forgeries.honest import NAMES, cases
 from workcell.bench.forgeries.honest import case as made
 from workcell.bench.forgeries.mutants import CHANGES, VALUES, forged
-from workcell.bench.forgeries.table import forgeries, forgery_rows, refusal
+from workcell.bench.forgeries.table import exact_refusal, exact_rows, forgeries, forgery_rows, refusal
 from workcell.ik.registry import PROOFS
+from workcell.proofs.exact.problems import read_problems
 from workcell.sets.problems import parse_problem_set
 from workcell.sets.solving import verify_answers
 
@@ -37,6 +38,20 @@ def test_of_hundreds_of_forgeries_none_is_accepted_and_none_ends_in_an_error() -
     assert sum(row["n"] for row in rows) == 400
     for row in rows:
         assert (row["accepted"], row["errors"]) == (0, 0), row["first"]
+
+
+def test_the_second_checker_accepts_none_either() -> None:
+    for row in exact_rows(45, 1, None):
+        assert (row["accepted"], row["errors"]) == (0, 0), row["first"]
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if "six" in name])
+def test_both_checkers_accept_the_honest_ones(name: str, tmp_path: Path) -> None:
+    case = made(name)
+    (tmp_path / "set.json").write_text(json.dumps(case.own))
+    problem = read_problems(tmp_path / "set.json")["one"]
+    assert exact_refusal(problem, json.dumps(case.certificate)) is None
+    assert refusal(case.problem(own=True), json.dumps(case.certificate)) is None
 
 
 def test_the_same_seed_forges_the_same() -> None:

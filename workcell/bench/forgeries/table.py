@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
+import tempfile
 import time
-from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,9 @@ from workcell.errors import WorkcellError
 from workcell.ik.certificate import Certificate
 from workcell.ik.check import check_certificate
 from workcell.ik.problem import IKProblem
+from workcell.proofs.exact.problems import Problem, read_problems
+from workcell.proofs.exact.reading import RefusedError, parse
+from workcell.proofs.exact.verdicts import check
 
 CLAIMS = 0.15
 """Share of forgeries that are handed in for the problem that they hold of, and claim more than is proved of it."""
@@ -83,49 +86,94 @@ def refusal(problem: IKProblem, text: str) -> str | None:
     return check_certificate(problem, certificate)
 
 
+def exact_refusal(problem: Problem, text: str) -> str | None:
+    """The same by the second checker."""
+    try:
+        check(problem, parse(text))
+    except RefusedError as error:
+        return str(error)
+    return None
+
+
 def forgery_rows(n: int, seed: int, sets: Path | None) -> list[Row]:
-    """One row a kind of proof: forgeries handed in, accepted (none may be), errors that are no answers, seconds."""
-    tried, accepted, crashed = Counter[str](), Counter[str](), Counter[str]()
-    first: dict[str, str] = {}
-    spent: dict[str, float] = {}
+    """One row a kind of proof, see `_Tally`: what the first checker makes of `n` forgeries."""
     problems = {(case.name, own): case.problem(own=own) for case in cases() for own in (True, False)}
-    for forgery in forgeries(n, seed):
-        kind = str(forgery.case.certificate["kind"])
-        started = time.process_time()
-        try:
-            reason = refusal(problems[forgery.case.name, forgery.own], forgery.text)
-        except Exception as error:  # whatever it is, it is no answer
-            reason, crashed[kind] = repr(error), crashed[kind] + 1
-            first.setdefault(kind, f"{forgery.change}: {error!r}")
-        spent[kind] = spent.get(kind, 0.0) + time.process_time() - started
-        tried[kind] += 1
-        if reason is None:
-            accepted[kind] += 1
-            first.setdefault(kind, f"{forgery.case.name}, {forgery.change}: {forgery.text[:2000]}")
-    return [
-        _row(kind, tried[kind], accepted[kind], crashed[kind], first.get(kind), spent[kind])
-        for kind in sorted(tried)
-    ]
+    return _rows(n, seed, "forgeries", refusal, problems)
 
 
-def _row(
-    kind: str, tried: int, accepted: int, crashed: int, first: str | None, spent: float
-) -> dict[str, Any]:
-    return {
-        "row": f"forgeries/{kind}",
-        "n": tried,
-        "accepted": accepted,
-        "errors": crashed,
-        "cpu_ms": 1e3 * spent / max(tried, 1),
-        "first": first or "",
+def exact_rows(n: int, seed: int, sets: Path | None) -> list[Row]:
+    """The same of the second checker."""
+    documents = {
+        (case.name, own): case.own if own else case.twin for case in cases() for own in (True, False)
     }
+    problems = {key: _exact_problem(document) for key, document in documents.items()}
+    return _rows(n, seed, "forgeries-exact", exact_refusal, problems)
+
+
+def _rows(
+    n: int,
+    seed: int,
+    name: str,
+    checker: Callable[[Any, str], str | None],
+    problems: Mapping[tuple[str, bool], Any],
+) -> list[Row]:
+    tallies: dict[str, _Tally] = {}
+    for forgery in forgeries(n, seed):
+        tally = tallies.setdefault(str(forgery.case.certificate["kind"]), _Tally())
+        tally.hand_in(forgery, checker, problems[forgery.case.name, forgery.own])
+    return [tallies[kind].row(f"{name}/{kind}") for kind in sorted(tallies)]
+
+
+def _exact_problem(document: Document) -> Problem:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "set.json"
+        file.write_text(json.dumps(document), encoding="utf-8")
+        return read_problems(file)["one"]
+
+
+@dataclass(slots=True)
+class _Tally:
+    """What a checker made of one kind's forgeries.
+
+    How many were handed in, accepted, ended in an error that is no answer; seconds; the first that did either.
+    """
+
+    tried: int = 0
+    accepted: int = 0
+    errors: int = 0
+    spent: float = 0.0
+    first: str = ""
+
+    def hand_in(self, forgery: Forgery, checker: Callable[[Any, str], str | None], problem: Any) -> None:
+        started = time.process_time()
+        where = f"{forgery.case.name}, {forgery.change}: "
+        try:
+            if checker(problem, forgery.text) is None:
+                self.accepted += 1
+                self.first = self.first or where + forgery.text[:2000]
+        except Exception as error:  # whatever it is, it is no answer
+            self.errors += 1
+            self.first = self.first or where + repr(error)
+        self.spent += time.process_time() - started
+        self.tried += 1
+
+    def row(self, name: str) -> Row:
+        return {
+            "row": name,
+            "n": self.tried,
+            "accepted": self.accepted,
+            "errors": self.errors,
+            "cpu_ms": 1e3 * self.spent / max(self.tried, 1),
+            "first": self.first,
+        }
 
 
 BENCHES = (
     Bench(
         "forgeries",
         10_000,
-        "certificates forged from scratch or by changes; none may be accepted",
+        "certificates that prove nothing: how many are accepted (none may be)",
         forgery_rows,
     ),
+    Bench("forgeries-exact", 1_000, "the same, handed to the second checker", exact_rows),
 )

@@ -12,6 +12,7 @@ from workcell.proofs.exact.spans import ONE, Span
 
 FORMAT = "workcell-certificate/1"
 LARGEST = 1e50
+_ROUNDED = Fraction(1, 10**9)
 LEAST_POSITION = 1e-4
 LEAST_ROTATION = 1e-3
 SCOPES = ("kinematics", "geometry", "model")
@@ -134,8 +135,9 @@ def compare(certificate: Certificate, claim: Claim) -> None:
     """
     if not claim.margin.surely_positive:
         raise RefusedError(f"nothing is proved: its margin is {float(Fraction(claim.margin.low, ONE)):.3g}")
-    said = Fraction(certificate.margin) * ONE
-    if not Fraction(99, 100) * claim.margin.low <= said <= Fraction(101, 100) * claim.margin.high:
+    said, near = Fraction(certificate.margin) * ONE, Fraction(1, 10**6)
+    least, most = (1 - near) * claim.margin.low, (1 + near) * claim.margin.high
+    if not least - ONE * _ROUNDED <= said <= most + ONE * _ROUNDED:
         computed = float(Fraction(claim.margin.low, ONE))
         raise RefusedError(f"it says a margin of {certificate.margin:g}, and proves one of {computed:g}")
     if certificate.scope != claim.scope:

@@ -69,10 +69,14 @@ class Budget:
 
 @dataclass(frozen=True, slots=True)
 class Clearance:
-    """Smallest signed distance (metres) and the two bodies, geoms or spheres that have it."""
+    """Smallest signed distance (metres) and the two bodies, geoms or spheres that have it.
+
+    Where there is no such configuration of the mechanism, `reason` says why, and the distance is negative.
+    """
 
     distance: float
     pair: tuple[str, str] = ("", "")
+    reason: str = ""
 
 
 class CollisionChecker(Protocol):

@@ -22,6 +22,8 @@ from workcell.model.judge.distances import TOLERANCE, judge_model
 from workcell.model.judge.pairs import colliding_pairs
 from workcell.model.judge.solids import SIGNED_FIELD
 from workcell.model.labels import bodies_called, geom_name
+from workcell.model.loops.elements import joined
+from workcell.model.passive_motion import PassivePairs
 from workcell.model.scene import Scene
 from workcell.model.scene_parts import SceneObject, SceneRobot, place_holding
 from workcell.pose import Array, Pose, read_only
@@ -29,26 +31,33 @@ from workcell.pose import Array, Pose, read_only
 if TYPE_CHECKING:
     import mujoco
 
+_MISSED = 1e-3
+"""Metres that stand for the distance where a robot's loops can't be closed."""
+
 
 @dataclass(frozen=True, slots=True)
 class Distance:
     """A signed distance in metres, the two geoms' names, the nearest points (2, 3) in the world, and the geoms' ids.
 
-    Where no pair is within the limit of a search, the names are empty, the ids -1, and the distance is the limit.
+    Where no pair is within the limit of a search, the names are empty, the ids -1, and the distance is the limit. Where
+    there is no such configuration of the mechanism, `reason` says why, and the distance is negative.
     """
 
     distance: float
     pair: tuple[str, str]
     points: Array
     geoms: tuple[int, int] = (-1, -1)
+    reason: str = ""
 
 
 class CollisionModel:
     """Smallest signed distance of one robot to everything else and to itself, at any configuration.
 
     Geom pairs follow MuJoCo's own rules: contype and conaffinity, `<exclude>`, bodies welded together, parent with
-    child (unless the model disables that filter), and `<pair>`, which overrules them. Other robots and free objects
-    stand where `qpos` has them.
+    child (unless the model disables that filter), and `<pair>`, which overrules them; bodies that a connect or a weld
+    joins are neighbours like parent and child. Other robots and free objects stand where `qpos` has them. Passive
+    joints of the robot stand where its loops have them (`workcell.model.loops`); where those can't be closed, there is
+    no configuration, and the distance is negative.
 
     Args:
         scene: the scene.
@@ -57,6 +66,10 @@ class CollisionModel:
         attached: (object name, T_tool_object): an object that the hand carries; it counts as robot.
         ignored: bodies (names) that don't count at all, e.g. an object about to be grasped.
         allowed_geoms: pairs of geom ids whose contact is intended, e.g. an object and the board it stands on.
+
+    Raises:
+        ModelError: the model holds something that can't be honoured: a loop that ties driven joints, geoms whose
+            distances can't be trusted.
     """
 
     def __init__(
@@ -77,6 +90,7 @@ class CollisionModel:
         self._data = mujoco.MjData(self._model)
         self._qpos = np.array(scene.initial_qpos() if qpos is None else qpos, dtype=float)
         self.scene, self.robot = scene, scene.robot(robot).standing(scene.model, self._qpos)
+        _refuse_loops(self.robot)
         self._attached: SceneObject | None = None
         if attached is not None:
             self._attached = scene.object(attached[0])
@@ -98,15 +112,14 @@ class CollisionModel:
         self._boxes = scene.model.geom_aabb.copy()
         self._boxes[np.isinf(self._pad), 3:] = np.inf
         self._fromto = np.zeros(6)
-        self._pair_links = self._links_of(self._pairs)
+        self._look_at(self._pairs)
 
     def ignoring(self, bodies: Iterable[int], geoms: Iterable[int] = ()) -> CollisionModel:
         """The same model without the pairs that some bodies or geoms (ids) belong to."""
         gone = np.isin(self._model.geom_bodyid, list(bodies))
         gone[list(geoms)] = True
         smaller = copy.copy(self)
-        smaller._pairs = self._pairs[~gone[self._pairs].any(axis=1)]
-        smaller._pair_links = self._links_of(smaller._pairs)
+        smaller._look_at(self._pairs[~gone[self._pairs].any(axis=1)])
         return smaller
 
     def between(self, first: Iterable[int], second: Iterable[int]) -> CollisionModel:
@@ -114,9 +127,16 @@ class CollisionModel:
         body_of = self._model.geom_bodyid
         one, two = (np.isin(body_of, list(group))[self._pairs] for group in (first, second))
         smaller = copy.copy(self)
-        smaller._pairs = self._pairs[(one[:, 0] & two[:, 1]) | (one[:, 1] & two[:, 0])]
-        smaller._pair_links = self._links_of(smaller._pairs)
+        smaller._look_at(self._pairs[(one[:, 0] & two[:, 1]) | (one[:, 1] & two[:, 0])])
         return smaller
+
+    def _look_at(self, pairs: NDArray[np.int64]) -> None:
+        self._pairs, links = pairs, self._links()
+        self._pair_links = np.sort(links[pairs], axis=1)
+        loops = self.robot.loops
+        self._passive = None
+        if loops is not None and loops.loops:
+            self._passive = PassivePairs(self._model, self.robot, pairs, links)
 
     @property
     def tolerance(self) -> float:
@@ -145,12 +165,14 @@ class CollisionModel:
 
     def full_qpos(self, q: ArrayLike) -> Array:
         """Raw positions (nq,) of the whole scene with the robot at `q` (n,), the carried object with it."""
+        return self._placed(q)[0]
+
+    def _placed(self, q: ArrayLike) -> tuple[Array, str]:
+        """Raw positions with the robot at `q`, and why that is no configuration of it, if it is none."""
         qpos, here = np.array(self._qpos), np.asarray(q, dtype=float)
         if self._attached is None:
-            self.robot.place(qpos, here)
-        else:
-            place_holding(qpos, self.robot, here, self._attached, self._T_tool_object)
-        return qpos
+            return qpos, self.robot.place(qpos, here)
+        return qpos, place_holding(qpos, self.robot, here, self._attached, self._T_tool_object)
 
     def site_pose(self, site: str, q: ArrayLike) -> Pose:
         """World pose of one of the robot's sites (without its prefix) at `q` (n,), by MuJoCo's own kinematics."""
@@ -161,7 +183,8 @@ class CollisionModel:
 
     def distance(self, q: ArrayLike, *, limit: float = 10.0) -> Distance:
         """The smallest signed distance at `q` (n,), looked for up to `limit` metres."""
-        return self.distance_at(self.full_qpos(q), limit=limit)
+        qpos, reason = self._placed(q)
+        return _nowhere(reason) if reason else self.distance_at(qpos, limit=limit)
 
     def distance_at(self, qpos: ArrayLike, *, limit: float = 10.0) -> Distance:
         """The same at raw positions (nq,)."""
@@ -192,7 +215,17 @@ class CollisionModel:
         found = deepest_contact(self._judge, self._data, self._pairs)
         return None if found is None else Distance(found[0], self._names(found[1]), found[2], found[1])
 
-    def excess(self, q: ArrayLike, moved: Array, *, limit: float = 10.0) -> tuple[float, Distance]:
+    def torn(self, q_a: ArrayLike, q_b: ArrayLike) -> str:
+        """Why passive loops can't go along on the straight line between two configurations; empty where they can."""
+        loops = self.robot.loops
+        if loops is None or not loops.loops:
+            return ""
+        (one, unclosed), (two, open_too) = self._placed(q_a), self._placed(q_b)
+        return unclosed or open_too or loops.torn(one, two)
+
+    def excess(
+        self, q: ArrayLike, moved: Array, half: Array, *, limit: float = 10.0
+    ) -> tuple[float, Distance]:
         """By how much every pair's distance at `q` (n,) exceeds how far its links may move; the pair with the least.
 
         Only pairs whose bounding spheres and boxes leave that open are measured, so that links that hardly move,
@@ -201,13 +234,22 @@ class CollisionModel:
         Args:
             q: configuration (n,).
             moved: (n + 1, n + 1) metres by which points of link b may move relative to link a < b; row 0 is the world.
+            half: (n,) how far each variable may be from its value in `q`: what passive joints do follows from it.
             limit: distances beyond it count as it, metres.
 
         Returns:
-            The least of distance minus motion, and the distance of that pair.
+            The least of distance minus motion, and the distance of that pair; -inf where it is not known how far
+            passive bodies move.
         """
+        qpos, reason = self._placed(q)
+        if reason:
+            return -np.inf, _nowhere(reason)
         motion = moved[self._pair_links[:, 0], self._pair_links[:, 1]]
-        return self.excess_at(self.full_qpos(q), motion, limit=limit)
+        if self._passive is not None:
+            here = np.asarray(q, dtype=float)
+            if not self._passive.lose(qpos, here, np.asarray(half, dtype=float), moved, motion):
+                return -np.inf, self.distance_at(qpos, limit=limit)
+        return self.excess_at(qpos, motion, limit=limit)
 
     def excess_at(self, qpos: ArrayLike, motion: Array, *, limit: float = 10.0) -> tuple[float, Distance]:
         """The same at raw positions (nq,), where each pair of geoms may come closer by `motion` (p,) metres."""
@@ -232,14 +274,15 @@ class CollisionModel:
         first, second = pair
         return (geom_name(self._model, first), geom_name(self._model, second)) if first >= 0 else ("", "")
 
-    def _links_of(self, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
-        """For pairs of geoms the links (p, 2) that carry them, the lower first; 0 for what stands in the world."""
+    def _links(self) -> NDArray[np.int64]:
+        """(g,) for each geom of the model the link that carries it; 0 for what stands in the world."""
         owner = np.zeros(self._model.nbody, dtype=np.int64)
         for link, bodies in enumerate(self.robot.link_body_ids):
             owner[list(bodies)] = link
         if self._attached is not None:
             owner[list(self._attached.body_ids)] = self.robot.robot.tool().link
-        return np.sort(owner[self._model.geom_bodyid[pairs]], axis=1)
+        links: NDArray[np.int64] = owner[self._model.geom_bodyid]
+        return links
 
     def _lower_bounds(self, limit: float, motion: Array | float) -> tuple[NDArray[np.int64], Array]:
         """The pairs that may have the smallest distance less motion, and lower bounds of it.
@@ -288,6 +331,7 @@ def _colliding_pairs(
 ) -> NDArray[np.int64]:
     model = scene.model
     pairs = colliding_pairs(model, moving, bodies_called(model, ignored, "ignored"))
+    pairs = pairs[~joined(model, pairs)]
     if attached is None:
         return pairs
     carriers = robot.hand_ids
@@ -295,6 +339,20 @@ def _colliding_pairs(
     grip = [_is_grip(int(a), int(b), attached, carriers) for a, b in owners]
     kept: NDArray[np.int64] = pairs[~np.array(grip, dtype=bool)]
     return kept
+
+
+def _nowhere(reason: str) -> Distance:
+    return Distance(-_MISSED, ("", ""), np.zeros((2, 3)), (-1, -1), reason)
+
+
+def _refuse_loops(robot: SceneRobot) -> None:
+    """Raise ModelError for what a robot's passive joints and loops ask for that can't be honoured."""
+    if robot.loops is not None and robot.loops.refusals:
+        raise ModelError(
+            "; ".join(robot.loops.refusals),
+            where=f"robot {robot.name!r}",
+            remedy="workcell closes loops of passive joints, which leave the driven ones free; leave the others out",
+        )
 
 
 def _refuse_unmeasured(model: mujoco.MjModel, geoms: Iterable[int]) -> None:

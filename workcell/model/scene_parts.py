@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import UnknownNameError
+from workcell.model.loops.loops import Loops
 from workcell.model.robot import Robot
 from workcell.pose import Array, Pose, read_only
 
@@ -37,6 +38,7 @@ class SceneRobot:
         guest_ids: bodies of others that its links carry: of an object fixed to its hand, of a robot on its flange.
         joint_qpos_addresses, joint_dof_addresses: (m,) of all its joints, those that follow included; empty: n = m.
         riders: (address in qpos, value) of its guests' joints as the scene begins.
+        loops: its joints that nothing drives, and what determines them; None: nobody has looked.
     """
 
     name: str
@@ -56,6 +58,7 @@ class SceneRobot:
     site_ids: Mapping[str, int] = field(default_factory=dict)
     guest_ids: frozenset[int] = frozenset()
     riders: tuple[tuple[int, float], ...] = ()
+    loops: Loops | None = None
 
     @property
     def own_ids(self) -> frozenset[int]:
@@ -98,9 +101,14 @@ class SceneRobot:
         for name in (*addresses, "actuator_ids"):
             object.__setattr__(self, name, read_only(getattr(self, name), np.int64))
 
-    def place(self, qpos: Array, q: Array) -> None:
-        """Write a configuration (n,), and what follows from it, into raw positions (nq,)."""
+    def place(self, qpos: Array, q: Array) -> str:
+        """Write a configuration (n,), and what follows from it, into raw positions (nq,).
+
+        Returns:
+            why it is none of the mechanism, where a passive loop can't be closed; else an empty text.
+        """
         qpos[self.joint_qpos_addresses] = self.robot.joint_values(q)
+        return "" if self.loops is None else self.loops.close(qpos)
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,8 +139,10 @@ class Goal:
     pose: Pose
 
 
-def place_holding(qpos: Array, robot: SceneRobot, q: Array, held: SceneObject, T_tool_object: Pose) -> None:
+def place_holding(qpos: Array, robot: SceneRobot, q: Array, held: SceneObject, T_tool_object: Pose) -> str:
     """Write a robot's configuration (n,) into raw positions (nq,), and where the object in its hand is then.
+
+    Returns what `SceneRobot.place` does.
 
     Args:
         qpos: (nq,) raw positions, changed.
@@ -141,8 +151,9 @@ def place_holding(qpos: Array, robot: SceneRobot, q: Array, held: SceneObject, T
         held: the object.
         T_tool_object: how it stands in the tool's frame.
     """
-    robot.place(qpos, q)
+    reason = robot.place(qpos, q)
     held.place(qpos, robot.robot.fk(q) @ T_tool_object)
+    return reason
 
 
 def data_at(model: mujoco.MjModel, qpos: ArrayLike) -> mujoco.MjData:

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from workcell.model.judge.pairs import colliding_pairs
 from workcell.model.labels import geom_name
+from workcell.model.loops.elements import joined
 from workcell.model.scene_parts import SceneObject
 
 if TYPE_CHECKING:
@@ -24,9 +26,12 @@ class ContactRules:
     """
 
     def __init__(self, model: mujoco.MjModel, bodies: Iterable[int]) -> None:
+        bodies = list(bodies)
         self._model = model
-        self._moving = np.isin(model.geom_bodyid, list(bodies))
+        self._moving = np.isin(model.geom_bodyid, bodies)
         self._intended = np.zeros((model.ngeom, model.ngeom), dtype=bool)
+        pairs = colliding_pairs(model, bodies)
+        self.intend((int(a), int(b)) for a, b in pairs[joined(model, pairs)])
 
     def geoms(self, bodies: Iterable[int]) -> NDArray[np.int64]:
         """Ids of the geoms of these bodies."""

@@ -17,6 +17,7 @@ import numpy as np
 from workcell.errors import InputError
 from workcell.geometry.types import SphereCover
 from workcell.model.collision_model import CollisionModel, Distance
+from workcell.model.passive_motion import PassiveMotion
 from workcell.model.scene import Scene
 from workcell.model.scene_parts import SceneObject, SceneRobot, data_at
 from workcell.motion.proofs.on_model import link_motion
@@ -166,11 +167,26 @@ class _Pair:
             moved = link_motion(chain.uncoupled, here, half, extent)[0]
             for link, bodies in enumerate(mover.robot.link_body_ids):
                 lost[list(bodies)] += moved[link]
+            lost += self._lost_by_loops(mover.robot, self._positions(middle), half)
             if mover.held is not None:
                 lost[list(mover.held[0].body_ids)] = moved[chain.tool().link]
         pairs = self._model.pair_geoms
         total: Array = lost[model.geom_bodyid[pairs]].sum(axis=1)
         return total
+
+    def _lost_by_loops(self, robot: SceneRobot, qpos: Array, widths: Array) -> Array:
+        """(b,) metres by which bodies on passive loops of a robot may move; infinite where that is not known."""
+        model, lost = self._scene.model, np.zeros(self._scene.model.nbody)
+        if robot.loops is None or not robot.loops.loops:
+            return lost
+        seen = PassiveMotion(model, robot).seen(qpos, widths)
+        if seen is None:
+            lost[list(robot.loops.bodies)] = np.inf
+            return lost
+        for geom, motion in seen.items():
+            body = int(model.geom_bodyid[geom])
+            lost[body] = max(lost[body], float(motion[0]))
+        return lost
 
 
 def _extent(scene: Scene, mover: Mover, qpos: Array) -> SphereCover:

@@ -37,7 +37,7 @@ class ModelClearance:
         found = self.collision.distance(q)
         if found.distance >= 0.0:
             found = self.collision.contact(q) or found
-        return Clearance(found.distance, found.pair)
+        return Clearance(found.distance, found.pair, found.reason)
 
     def self_pairs(
         self, robot: Robot, cover: SphereCover, known_free: ArrayLike | None = None

@@ -118,7 +118,7 @@ def test_spheres_that_do_not_contain_the_robot_prove_nothing(planar, planar_cove
 
 
 def test_the_margin_leaves_room_for_the_tolerance_of_the_model_s_distances(tmp_path):
-    """Distances that MuJoCo finds by iteration are as good as the judge's tolerance, whatever the file's is: here 1 cm."""
+    """Distances found by iteration are as good as the judge's tolerance, not as the file's, here 1 cm."""
     (tmp_path / "cell.xml").write_text(
         '<mujoco><option ccd_tolerance="0.01"/><worldbody><site name="robot_mount"/>'
         '<geom name="post" type="cylinder" pos="1.5 0 0.5" size="0.05 0.5"/></worldbody></mujoco>'

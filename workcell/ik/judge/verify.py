@@ -132,6 +132,8 @@ class Verifier:
             return []
         if np.isnan(clearance.distance):
             return ["the clearance is not a number"]
+        if clearance.reason:
+            return [clearance.reason]
         first, second = clearance.pair
         if clearance.distance < 0:
             return [f"{first} is {-1e3 * clearance.distance:.3g} mm inside {second}"]

@@ -1,4 +1,4 @@
-"""MuJoCo's own collision pipeline as a second opinion: what it has in contact is not clear, whatever distances say."""
+"""MuJoCo's own collision pipeline as a second opinion: what it has in contact is not clear."""
 
 from __future__ import annotations
 

@@ -24,6 +24,23 @@ def actuator_of_joint(model: mujoco.MjModel, joint: int) -> int | None:
     return None
 
 
+def actuated_joints(model: mujoco.MjModel) -> set[int]:
+    """Joints (ids) that some actuator moves: by itself, or through a tendon that is fixed to it."""
+    import mujoco
+
+    found: set[int] = set()
+    for actuator in range(model.nu):
+        kind, target = model.actuator_trntype[actuator], int(model.actuator_trnid[actuator, 0])
+        if kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
+            found.add(target)
+        elif kind == mujoco.mjtTrn.mjTRN_TENDON:
+            first = int(model.tendon_adr[target])
+            for wrap in range(first, first + int(model.tendon_num[target])):
+                if model.wrap_type[wrap] == mujoco.mjtWrap.mjWRAP_JOINT:
+                    found.add(int(model.wrap_objid[wrap]))
+    return found
+
+
 def is_motor(model: mujoco.MjModel, actuator: int) -> bool:
     """Whether an actuator's force is its control value times a constant."""
     import mujoco

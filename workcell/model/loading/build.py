@@ -16,6 +16,7 @@ from workcell.model.loading.compiled import compiled_robot
 from workcell.model.loading.couplings import harden, settled
 from workcell.model.loading.labels import keep_apart
 from workcell.model.loading.load import compile_spec, load_spec
+from workcell.model.loading.passive_joints import find_loops
 from workcell.model.loading.placing import cell_site
 from workcell.model.loading.subtrees import Members, actuators_of, bodies_of_links, joints_of
 from workcell.model.loading.taskfile import ObjectEntry, RobotEntry, TaskFile, read_task_file
@@ -182,7 +183,9 @@ def scene_robot(
     variables = [joints[k] for k in found.variables]
     if robot.coupling is not None:
         harden(model, joints)
-    passive = [j for body in mine.own for j in joints_of(model, body) if j not in joints]
+    loops = find_loops(model, mine.own, joints)
+    links = tuple(tuple(body for body in link if body not in loops.bodies) for link in links)
+    resting = [j for body in mine.own for j in joints_of(model, body) if j not in (*joints, *loops.joints)]
     return SceneRobot(
         name=entry.name,
         prefix=prefix,
@@ -194,13 +197,14 @@ def scene_robot(
         actuator_ids=np.array([actuator_of_joint(model, j) for j in variables]),
         gripper=_gripper_actuator(model, mine.own, joints),
         start=start,
-        fingers=_fingers(model, passive, prefix, home),
+        fingers=_fingers(model, resting, prefix, home),
         base_body=found.base,
         site_ids=found.sites,
         guest_ids=guests,
         joint_qpos_addresses=np.array([model.jnt_qposadr[j] for j in joints]),
         joint_dof_addresses=np.array([model.jnt_dofadr[j] for j in joints]),
         riders=_riders(model, guests),
+        loops=loops,
     )
 
 
@@ -224,6 +228,13 @@ def settled_joints(model: mujoco.MjModel, robots: Iterable[SceneRobot]) -> tuple
 
     mine = {int(a) for robot in robots for a in robot.joint_qpos_addresses}
     mine |= {address for robot in robots for address, _ in robot.fingers}
+    mine |= {
+        int(a)
+        for robot in robots
+        if robot.loops
+        for loop in robot.loops.loops
+        for a in loop.system.passive_qpos
+    }
     single = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
     others = [
         j for j in range(model.njnt) if model.jnt_type[j] in single and int(model.jnt_qposadr[j]) not in mine

@@ -131,8 +131,8 @@ def prove_path(
     collision = _compiled_model(checker)
     look = _look(path.robot, checker, collision, extent)
     edges = _first_edges(path) if collision is not None else [0.0, float(len(path) - 1)]
-    if collision is not None and (touched := _contact_on(path, collision)) is not None:
-        return touched
+    if collision is not None and (found := _refuted(path, collision)) is not None:
+        return found
     return prove_by_halving(
         path,
         look,
@@ -192,13 +192,20 @@ def _compiled_model(checker: Checker) -> CollisionModel | None:
     return checker.collision if isinstance(checker, ModelClearance) else None
 
 
-def _contact_on(path: Path, collision: CollisionModel) -> Proof | None:
-    """That a path is not clear, where MuJoCo itself has something in contact at one of its waypoints."""
+def _refuted(path: Path, collision: CollisionModel) -> Proof | None:
+    """That a path is none, because of what is seen at its waypoints.
+
+    MuJoCo itself has something in contact at one of them, or passive loops can't go along from one to the next.
+    """
     for k, q in enumerate(path.configurations):
         met = collision.contact(q)
         if met is not None:
             found = Clearance(met.distance, met.pair)
             return Proof(False, -np.inf, found, float(k), _words(found, 0.0), k + 1)
+    for k, (one, two) in enumerate(pairwise(path.configurations)):
+        reason = collision.torn(one, two)
+        if reason:
+            return Proof(False, -np.inf, Clearance(-np.inf, reason=reason), float(k), reason, k + 1)
     return None
 
 
@@ -219,9 +226,9 @@ def _look(robot: Robot, checker: Checker, collision: CollisionModel | None, exte
     if collision is not None and len(extent):
 
         def of_pairs(q: Array, half: Array) -> tuple[Clearance, float]:
-            kept, found = collision.excess(q, link_motion(robot, q, half, extent))
+            kept, found = collision.excess(q, link_motion(robot, q, half, extent), half)
             _check_extent(extent, found.pair)
-            return Clearance(found.distance, found.pair), kept - collision.tolerance
+            return Clearance(found.distance, found.pair, found.reason), kept - collision.tolerance
 
         return of_pairs
 
@@ -297,6 +304,8 @@ def _half_widths(path: Path, stray: Array, begin: float, end: float, q: Array) -
 
 
 def _words(found: Clearance, floor: float) -> str:
+    if found.reason:
+        return found.reason
     a, b = found.pair
     between = f" between {a} and {b}" if a or b else ""
     if found.distance < 0:

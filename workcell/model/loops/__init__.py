@@ -1,0 +1,1 @@
+"""Passive loops: joints that nothing drives and that connects, welds and tendons of the model determine."""

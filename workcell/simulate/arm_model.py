@@ -74,8 +74,17 @@ class ArmModel:
         self._robot.place(data.qpos, q)
         _, data.qvel[self._dofs], data.qacc[self._dofs] = chain.joint_motion(q, qd, qdd)
         self._q = np.array(q)
+        forces = self._forces()
+        return chain.variable_forces(self._q, forces[self._dofs] - self._lift())
+
+    def _forces(self) -> Array:
+        """(nv,) inverse dynamics of what is in `data`; what passive loops carry is on the joints that move them."""
+        data, loops = self._data, self._robot.loops
+        if loops is not None:
+            loops.move(data.qpos, data.qvel, data.qacc)
         self._mujoco.mj_inverse(self._model, data)
-        return chain.variable_forces(self._q, data.qfrc_inverse[self._dofs] - self._lift())
+        forces: Array = data.qfrc_inverse
+        return forces if loops is None else loops.transmitted(data.qpos, forces)
 
     def command(self, torque: Array) -> Array:
         """(n,) control values for torques where `inverse` was asked last; what they compensate, they do unasked."""
@@ -105,6 +114,8 @@ class ArmModel:
         self._mujoco.mj_forward(self._model, data)
         full = np.zeros((self._model.nv, self._model.nv))
         self._mujoco.mj_fullM(self._model, data, full)
+        if self._robot.loops is not None:
+            full = self._robot.loops.transmitted(data.qpos, self._robot.loops.transmitted(data.qpos, full).T)
         # what follows hangs on a constraint that gives: in the first moment it is not moved along
         return full[np.ix_(self._robot.dof_addresses, self._robot.dof_addresses)]
 

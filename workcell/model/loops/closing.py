@@ -23,6 +23,8 @@ _HALVINGS = 256
 _ITERATIONS, _CONVERGED = 12, 1e-12
 _SAME = 1e-6
 """Radians (metres) by which solutions may differ that are one."""
+_DIFFERENCE = 1e-5
+"""Radians (metres) of the steps of difference quotients."""
 _RANK = 1e-9
 """Singular values below this share of the largest are zero."""
 
@@ -59,7 +61,10 @@ class LoopSystem:
         self.passive, self.given = np.array(passive, dtype=int), np.array(given, dtype=int)
         self.passive_qpos = np.asarray(model.jnt_qposadr)[self.passive]
         self.given_qpos = np.asarray(model.jnt_qposadr)[self.given]
-        self._columns = np.asarray(model.jnt_dofadr)[np.concatenate([self.passive, self.given])]
+        self.passive_dofs, self.given_dofs = (
+            np.asarray(model.jnt_dofadr)[joints] for joints in (self.passive, self.given)
+        )
+        self._columns = np.concatenate([self.passive_dofs, self.given_dofs])
         self._jacobian = np.zeros((3, model.nv))
 
     def at(self, qpos: Array) -> tuple[Array, Array, Array]:
@@ -181,3 +186,25 @@ class LoopSystem:
             before = worst
             here[self.passive_qpos] -= np.linalg.lstsq(by_passive, missed, rcond=_RANK)[0]
         return None
+
+    def ratios(self, qpos: Array) -> Array:
+        """(k, d) how fast passive joints move for each given one, at raw positions with the loop closed."""
+        _, by_passive, by_given = self.at(qpos)
+        found: Array = np.negative(np.linalg.lstsq(by_passive, by_given, rcond=_RANK)[0])
+        return found
+
+    def drift(self, qpos: Array, qvel: Array) -> Array:
+        """(k,) accelerations of the passive joints where the given ones go on with the velocities that they have."""
+        speed = float(np.abs(qvel[self._columns]).max(initial=0.0))
+        if speed == 0.0:
+            return np.zeros(len(self.passive))
+        step, velocity, changed = _DIFFERENCE / speed, qvel[self._columns], []
+        for sign in (1.0, -1.0):
+            there = np.array(qpos)
+            there[self.passive_qpos] += sign * step * qvel[self.passive_dofs]
+            there[self.given_qpos] += sign * step * qvel[self.given_dofs]
+            _, by_passive, by_given = self.at(there)
+            changed.append(np.hstack([by_passive, by_given]) @ velocity)
+        bend = (changed[0] - changed[1]) / (2 * step)
+        found: Array = np.negative(np.linalg.lstsq(self.at(qpos)[1], bend, rcond=_RANK)[0])
+        return found

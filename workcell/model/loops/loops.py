@@ -87,6 +87,33 @@ class Loops:
             ]
         return "; ".join(reasons)
 
+    def move(self, qpos: Array, qvel: Array, qacc: Array) -> None:
+        """Write into velocities and accelerations (nv,) those of the passive joints, by those of all others.
+
+        Args:
+            qpos: (nq,) raw positions, with the loops closed.
+        """
+        for loop in self.loops:
+            system = loop.system
+            ratios = system.ratios(qpos)
+            qvel[system.passive_dofs] = ratios @ qvel[system.given_dofs]
+            qacc[system.passive_dofs] = ratios @ qacc[system.given_dofs] + system.drift(qpos, qvel)
+
+    def transmitted(self, qpos: Array, forces: Array) -> Array:
+        """Forces on all joints (nv,) or rows of them, those on passive joints moved to the joints that move them.
+
+        What loops transmit does no work; their passive joints are left without force.
+
+        Args:
+            qpos: (nq,) raw positions, with the loops closed.
+        """
+        moved = np.array(forces)
+        for loop in self.loops:
+            ratios, system = loop.system.ratios(qpos), loop.system
+            moved[..., system.given_dofs] += moved[..., system.passive_dofs] @ ratios
+            moved[..., system.passive_dofs] = 0.0
+        return moved
+
     def torn(self, one: Array, two: Array) -> str:
         """Why the passive joints can't go from raw positions (nq,) to others on a straight line of the driven ones.
 

@@ -91,7 +91,7 @@ class CompiledDynamics:
         for here, direction in zip(q, sliding, strict=True):
             self._move(here, np.zeros_like(direction), direction)
             self._mujoco.mj_inverse(self._model, self._data)
-            found.append(-self._data.qfrc_constraint[self._dofs])
+            found.append(-self._transmitted(self._data.qfrc_constraint)[self._dofs])
         return self._robot.robot.variable_forces(q, np.array(found))
 
     def _inverse(self, q: Array, qd: Array, qdd: Array, *, dry: bool, viscous: bool) -> Array:
@@ -102,7 +102,7 @@ class CompiledDynamics:
             self._move(row[0], speed, push)
             jacobian = None if self._held is None else self._carry(self._held, speed, push)
             self._mujoco.mj_inverse(self._model, self._data)
-            torque = self._data.qfrc_inverse[self._dofs]
+            torque = self._transmitted(self._data.qfrc_inverse)[self._dofs]
             if jacobian is not None and self._held is not None:
                 torque = torque + self._share * jacobian.T @ self._data.qfrc_inverse[self._free(self._held)]
             rows.append(np.array(torque))
@@ -123,6 +123,13 @@ class CompiledDynamics:
         data.qpos[:], data.qvel[:], data.qacc[:] = self._rest, 0.0, 0.0
         self._robot.place(data.qpos, q)
         data.qvel[self._dofs], data.qacc[self._dofs] = qd, qdd
+        if self._robot.loops is not None:
+            self._robot.loops.move(data.qpos, data.qvel, data.qacc)
+
+    def _transmitted(self, forces: Array) -> Array:
+        """Forces (nv,) with those on passive joints where loops transmit them to."""
+        loops = self._robot.loops
+        return forces if loops is None else loops.transmitted(self._data.qpos, forces)
 
     def _carry(self, held: SceneObject, qd: Array, qdd: Array) -> Array:
         """Move the object in the hand along; (6, n) its own velocities for those of the joints.
@@ -183,6 +190,7 @@ def lacks(scene: Scene, robot: SceneRobot, attached: str | None = None) -> tuple
         "tendons": any(_acts(model, t, joints) for t in range(model.ntendon)),
         "a fluid": model.opt.density != 0 or model.opt.viscosity != 0,
         "forces that its options switch off": bool(flags & int(switched)),
+        "passive loops": robot.loops is not None and len(robot.loops.loops) > 0,
         "plugins": model.nplugin > 0,
         "flexible bodies": model.nflex > 0,
     }

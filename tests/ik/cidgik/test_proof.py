@@ -209,6 +209,7 @@ def blocked_proof() -> tuple[IKProblem, Certificate]:
         (blocked_proof, "keys", lambda keys: keys - np.array([100, 0]), "isn't there"),
         (blocked_proof, "keys", lambda keys: keys + 0.5, "isn't there"),
         (blocked_proof, "keys", lambda keys: 1e30 + keys, "isn't there"),
+        (blocked_proof, "keys", lambda keys: np.tile(keys, (9, 1)), "'rows' is of shape"),
         (far_proof, "facts", np.zeros_like, "do not prove the claim"),
         (far_proof, "S", np.zeros_like, "do not prove the claim"),
         (blocked_proof, "rows", np.zeros_like, "do not prove the claim"),
@@ -231,6 +232,13 @@ def test_damaged_certificates_are_refused_for_what_is_wrong_with_them(
     assert check_cidgik(problem, certificate) is None
     numbers = dict(certificate.data) | {part: change(np.array(certificate.data[part]))}
     assert because in str(check_cidgik(problem, replace(certificate, data=numbers)))
+
+
+def test_rows_without_end_are_not_read() -> None:
+    problem, certificate = blocked_proof()
+    many = {name: np.repeat(certificate.data[name], 5000, axis=0) for name in ("keys", "rows")}
+    refusal = check_cidgik(problem, replace(certificate, data={**certificate.data, **many}))
+    assert refusal == "it has more than 4096 rows of spheres"
 
 
 def test_incomplete_borrowed_and_overclaiming_certificates_are_refused() -> None:

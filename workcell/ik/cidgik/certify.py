@@ -18,6 +18,7 @@ from workcell.ik.cidgik.gram import Columns, Multipliers, Sum, margin, quaternio
 from workcell.ik.cidgik.instance import Instance
 from workcell.ik.cidgik.model import relaxation_at
 from workcell.ik.cidgik.proof import Proof
+from workcell.ik.cidgik.proof import margin as proof_margin
 from workcell.ik.cidgik.workspace import KINDS
 from workcell.ik.claims.chain import unsuited
 from workcell.ik.elementary.bounds import WIDE
@@ -34,9 +35,12 @@ def certify(problem: IKProblem, proof: Proof) -> Certificate | None:
     """
     if unsuited(problem) is not None:
         return None
-    instance, _ = relaxation_at(problem)
-    m = translated(problem, instance, proof)
+    instance, keeper = relaxation_at(problem)
     asked = np.array([problem.tolerances.position, problem.tolerances.rotation, 0.0])
+    # what is too weak for the solver's own vectors, which costs little to find out, is so for the chain's
+    if not proof_margin(instance, keeper, proof, *map(float, asked)) > 0.0:
+        return None
+    m = translated(problem, instance, proof)
     for covered in (np.maximum(asked, WIDE), asked):
         found = margin(problem, m, covered)
         if found > 0.0:
@@ -119,6 +123,8 @@ def _frames(instance: Instance, columns: Columns, packed: Array) -> Array:
 
 def _vanishing(problem: IKProblem, columns: Columns, m: Multipliers) -> Multipliers:
     """The same with the multipliers of what is zero chosen so that least is left between links."""
+    from scipy.linalg import lstsq
+
     i, j = np.nonzero(np.triu(columns.between()))
     rest = Sum(problem, m, np.zeros(3)).H[i, j]
     n, u = columns.chain.joints, columns.width
@@ -128,7 +134,10 @@ def _vanishing(problem: IKProblem, columns: Columns, m: Multipliers) -> Multipli
     for k in range(6):
         left, right = turned_terms(columns, np.eye(6)[k].reshape(2, 3))
         rows.append(_between(left, right, i, j).sum(axis=0, keepdims=True))
-    solution = -np.asarray(np.linalg.lstsq(np.concatenate(rows).T, rest, rcond=None)[0], dtype=float)
+    solution = -np.asarray(
+        lstsq(np.concatenate(rows).T, rest, cond=1e-10, lapack_driver="gelsy", check_finite=False)[0],
+        dtype=float,
+    )
     facts, others = solution[: m.facts.size].reshape(-1, u), solution[m.facts.size :]
     hands, turned = others[: 2 * n].reshape(2, n).T, others[2 * n :].reshape(2, 3)
     return replace(m, facts=facts, hands=hands, turned=turned)

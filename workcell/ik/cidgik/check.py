@@ -14,6 +14,8 @@ from workcell.ik.problem import IKProblem
 from workcell.pose import Array
 
 KIND = "cidgik/2"
+MOST_ROWS = 4096
+"""Rows of spheres that are read at most; each is one product of vectors."""
 
 
 def check_cidgik(problem: IKProblem, certificate: Certificate) -> str | None:
@@ -107,6 +109,8 @@ def _wrong_numbers(problem: IKProblem, data: Mapping[str, Array]) -> str | None:
         return "a multiplier of an inequality is negative"
     if data["S"].shape[1] > data["S"].shape[0]:
         return "the factor of the positive semidefinite matrix has more columns than rows"
+    if max(len(data[name]) for name in ("keys", "pairs") if name in data) > MOST_ROWS:
+        return f"it has more than {MOST_ROWS} rows of spheres"
     keys, spheres = data["keys"], 0 if problem.cover is None else len(problem.cover)
     if not whole_numbers(keys[:, 0], spheres) or not whole_numbers(keys[:, 1], len(problem.obstacles)):
         return "it names a sphere or an obstacle that isn't there"

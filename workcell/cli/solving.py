@@ -81,7 +81,7 @@ def _result_json(problem: IKProblem, result: IKResult) -> dict[str, Any]:
     certificate = result.certificate
     return {
         "status": result.status.value,
-        "sentence": result.status.sentence,
+        "sentence": result.sentence,
         "solver": result.solver,
         "q": result.q,
         "joint_names": problem.robot.joint_names,
@@ -98,7 +98,7 @@ def _result_json(problem: IKProblem, result: IKResult) -> dict[str, Any]:
 
 
 def _tell(problem: IKProblem, result: IKResult) -> None:
-    print(f"{result.status.value}: {result.status.sentence}")
+    print(f"{result.status.value}: {result.sentence}")
     if result.q is not None:
         for name, value in zip(problem.robot.joint_names, result.q, strict=True):
             print(f"  {name:<20s} {value:+.6f}")

@@ -14,7 +14,7 @@ from workcell.errors import WorkcellError
 from workcell.ik.certificate import Certificate
 from workcell.ik.check import STATUS_OF_SCOPE, check_certificate
 from workcell.ik.judge.verify import Verification, verify
-from workcell.ik.problem import Budget, IKProblem
+from workcell.ik.problem import Budget, Clearance, IKProblem
 from workcell.ik.registry import AUTO, SOLVERS, Progress, Turn, load
 from workcell.ik.result import Candidate, IKResult, Status
 from workcell.ik.stages import SolverStage, StageLog
@@ -194,10 +194,12 @@ class Portfolio:
         stats = {**self.stats, "cpu_s": self._spent(), "time_s": time.perf_counter() - self.started}
         measured: dict[str, Any] = {}
         if verdict is not None:
+            checks = self.problem.checks
             measured = {
                 "position_error": verdict.position_error,
                 "rotation_error": verdict.rotation_error,
-                "clearance": verdict.clearance,
+                "clearance": Clearance(float("inf")) if checks.nothing else verdict.clearance,
+                "checks": checks,
             }
         return IKResult(
             status,

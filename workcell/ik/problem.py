@@ -79,6 +79,45 @@ class Clearance:
     reason: str = ""
 
 
+@dataclass(frozen=True, slots=True)
+class Checks:
+    """What is looked at when the clearance of a configuration is judged, and what that is worth in words.
+
+    Attributes:
+        obstacles: pairs of a part of the robot, or of what it holds, with something else.
+        itself: pairs of two of its own parts.
+        asked: whether collision was asked about at all.
+        by_checker: whether a checker judges that does not say what it looks at.
+    """
+
+    obstacles: int = 0
+    itself: int = 0
+    asked: bool = True
+    by_checker: bool = False
+
+    @property
+    def nothing(self) -> bool:
+        """Whether nothing at all is looked at: such a clearance says nothing."""
+        return not (self.obstacles or self.itself or self.by_checker)
+
+    @property
+    def words(self) -> str:
+        """How a configuration is that passes: what follows on "it is ..."."""
+        if not self.asked:
+            return "not checked for collisions, which were not asked about"
+        if self.by_checker:
+            return "clear, as the problem's own checker has it"
+        if self.nothing:
+            return "not checked for collisions, as there is no collision geometry that could meet"
+        if not self.itself:
+            return "clear of obstacles (the robot's own parts were not checked against each other)"
+        return (
+            "clear of obstacles and of itself"
+            if self.obstacles
+            else "clear of itself (there is nothing else to meet)"
+        )
+
+
 class CollisionChecker(Protocol):
     """The truth about collisions for one problem (the compiled model, or the exact kernel)."""
 
@@ -180,6 +219,17 @@ class IKProblem:
                 remedy=f"two different indices from 0 to {spheres - 1}" if spheres else "a cover",
             )
         object.__setattr__(self, "self_collision", read_only(pairs, np.int64))
+
+    @property
+    def checks(self) -> Checks:
+        """What the judge looks at for the clearance of a configuration."""
+        if self.checker is not None:
+            known = getattr(self.checker, "checks", None)
+            return known if isinstance(known, Checks) else Checks(by_checker=True)
+        if self.cover is None:
+            return Checks(asked=False)
+        own = 0 if self.self_collision is None else len(self.self_collision)
+        return Checks(len(self.cover) * len(self.obstacles), own)
 
     def inside(self) -> IKProblem | None:
         """The same question of the model inside the real geometry, where there is one."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from workcell.errors import NotSolvedError
 from workcell.ik.certificate import Certificate
-from workcell.ik.problem import Clearance
+from workcell.ik.problem import Checks, Clearance
 from workcell.ik.stages import SolverStage
 from workcell.pose import Array, read_only
 
@@ -50,7 +50,7 @@ class Status(enum.Enum):
 
 
 _SENTENCES = {
-    Status.SOLVED: "A configuration that reaches the target clear of obstacles was found and independently verified.",
+    Status.SOLVED: "A configuration that reaches the target was found and independently verified.",
     Status.UNREACHABLE: "Kinematics alone forbids the target: no configuration within the joint limits reaches it. "
     "Move the target or the robot's base, or widen the joint limits.",
     Status.BLOCKED: "Obstacles forbid the target: no configuration that reaches it has the clearance that its proof "
@@ -96,7 +96,8 @@ class IKResult:
         q: (n,) the verified configuration, or None.
         position_error: metres at `q`; nan without one.
         rotation_error: radians at `q`; nan without one.
-        clearance: smallest signed distance at `q` and the pair that has it.
+        clearance: smallest signed distance at `q` and the pair that has it; inf where nothing was checked.
+        checks: what the judge looked at for it; None without a verified configuration.
         certificate: the re-checked proof behind a "no", or None.
         solver: the name of the solver that found the answer.
         stats: numbers about the work done, `cpu_s` and `time_s` among them.
@@ -116,6 +117,7 @@ class IKResult:
     rejected: tuple[str, ...] = ()
     stages: tuple[SolverStage, ...] = ()
     cuboids: NDArray[np.int64] | None = None
+    checks: Checks | None = None
 
     def __post_init__(self) -> None:
         if self.q is not None:
@@ -123,6 +125,13 @@ class IKResult:
         if self.cuboids is not None:
             object.__setattr__(self, "cuboids", read_only(self.cuboids, np.int64))
         object.__setattr__(self, "stats", MappingProxyType(dict(self.stats)))
+
+    @property
+    def sentence(self) -> str:
+        """The status in words; of a configuration that was found, what it was checked for."""
+        if self.checks is None:
+            return self.status.sentence
+        return f"{self.status.sentence} It is {self.checks.words}."
 
     @property
     def solved(self) -> bool:

@@ -154,6 +154,14 @@ class CollisionModel:
         return read_only(self._pairs, np.int64)
 
     @property
+    def own_pairs(self) -> NDArray[np.bool_]:
+        """(p,) which of them are of the robot, or of what it carries, with itself."""
+        mine = self.robot.body_ids | (self._attached.body_ids if self._attached else frozenset())
+        inside = np.isin(self._model.geom_bodyid, list(mine))[self._pairs]
+        own: NDArray[np.bool_] = inside[:, 0] & inside[:, 1]
+        return own
+
+    @property
     def self_links(self) -> frozenset[tuple[int, int]]:
         """Pairs of the robot's links, the lower first, with geoms that are looked at."""
         carrier = np.full(self._model.nbody, -1, dtype=np.int64)

@@ -76,7 +76,8 @@ class Execution:
         tool_position: (T, 3) of the tool, world, metres; (T, 3 k) for k robots.
         tracking_error_m, tracking_error_rad: (T,) largest distance of a tool from its reference since the row
             before; every control step is looked at.
-        clearance: (T,) smallest signed distance of a robot, and of what it carries, to everything it should not touch.
+        clearance: (T,) smallest signed distance of a robot, and of what it carries, to everything it should not touch;
+            nan where there is nothing that it could touch.
         clearance_pair: T pairs of geom names that have it.
         clearance_points: (T, 2, 3) the nearest points of that pair, world.
         internal_force: (T,) largest force (newtons) with which hands that share an object worked against each other
@@ -114,14 +115,21 @@ class Execution:
         return len(self.time)
 
     @property
+    def looked_at_nothing(self) -> bool:
+        """Whether there was nothing that could be touched: then no clearance was measured, and no contact possible."""
+        return len(self) > 0 and bool(np.isnan(self.clearance).all())
+
+    @property
     def min_clearance(self) -> float:
-        """Smallest clearance of all rows; inf without rows."""
-        return float(self.clearance.min(initial=np.inf))
+        """Smallest clearance of all rows; inf where none was measured."""
+        return float(np.fmin.reduce(self.clearance, initial=np.inf))
 
     @property
     def min_clearance_pair(self) -> tuple[str, str]:
         """The geoms that came closest."""
-        return self.clearance_pair[int(np.argmin(self.clearance))] if len(self) else ("", "")
+        if np.isnan(self.clearance).all():
+            return "", ""
+        return self.clearance_pair[int(np.nanargmin(self.clearance))]
 
     @property
     def max_tracking_error_m(self) -> float:

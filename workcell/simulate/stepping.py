@@ -87,6 +87,11 @@ class Stepper:
         self.stop: Stop | None = None
         self.unproved: list[str] = []
         mujoco.mj_forward(self.model, self.data)
+        if self._watch.looks_at_nothing:
+            self.log(
+                "there is no collision geometry that could meet: no contact and no clearance is looked at",
+                "WARN",
+            )
 
     def _hold_what_is_placed(self) -> None:
         """Servos of the cell whose joints begin elsewhere than the model has them hold them there."""

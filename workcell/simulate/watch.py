@@ -92,8 +92,15 @@ class Watch:
             raise UnknownNameError("body", name, names, where=self._scene.path)
         return names.index(name)
 
+    @property
+    def looks_at_nothing(self) -> bool:
+        """Whether no two geoms could meet that should not: then there is no clearance, and no contact to guard."""
+        return not any(len(model.pair_geoms) for model in self._collision)
+
     def clearance(self, qpos: Array) -> Distance:
-        """Smallest signed distance to all that should not be touched, at raw positions (nq,)."""
+        """Smallest signed distance to all that should not be touched, at raw positions (nq,); nan: there is nothing."""
+        if self.looks_at_nothing:
+            return Distance(np.nan, ("", ""), np.full((2, 3), np.nan))
         found = (model.distance_at(qpos, limit=1.0) for model in self._collision)
         return min(found, key=lambda distance: distance.distance)
 

@@ -54,9 +54,10 @@ class Planning:
             if not result.solved:
                 self._refuse(problem, result, what)
         first, second = result.clearance.pair
-        self.story.say(
-            f"{what}: verified, {1e3 * result.clearance.distance:.0f} mm clear ({first} to {second})"
-        )
+        how = f"{1e3 * result.clearance.distance:.0f} mm clear ({first} to {second})"
+        if not first:
+            how = "nothing checked" if result.checks is None else result.checks.words
+        self.story.say(f"{what}: verified, {how}")
         return result
 
     def _refuse(self, problem: IKProblem, result: IKResult, what: str) -> NoReturn:
@@ -94,7 +95,7 @@ class Planning:
         if result.path is None or not result.followed:
             where = "" if result.failure is None else f" {result.failure.words}"
             self.story.fail(result.status.value, f"{what}{where}. {result.status.sentence}")
-        self._tell_path(result.path, limits, what)
+        self._tell_path(world, result.path, limits, what)
         return result.path
 
     def trace(
@@ -136,7 +137,7 @@ class Planning:
             f"{what}: {metrics.waypoints} waypoints, largest step {metrics.largest_step:.3f} rad, half-way at most "
             f"{1e3 * metrics.deviation_m:.2f} mm off, manipulability {1e3 * metrics.manipulability:.2f}e-3 or more, "
             f"{metrics.limit_distance:.2f} rad or more from limits, "
-            f"proved {1e3 * metrics.clearance_between:.0f} mm clear"
+            + self.story.if_looked_at(world, f"proved {1e3 * metrics.clearance_between:.0f} mm clear")
         )
         return result.path
 
@@ -147,7 +148,9 @@ class Planning:
             found = plan_in_world(world, q_from, q_to, settings=settings, seed=self.seed)
         if found.path is None:
             self.story.fail(found.status.value, f"{what}: {found.detail}. {found.status.sentence}")
-        self.story.say(f"{what}: {len(found.path)} waypoints, proved clear")
+        self.story.say(
+            f"{what}: {len(found.path)} waypoints, {self.story.if_looked_at(world, 'proved clear')}"
+        )
         return found.path
 
     def _begin(self, world: PlanningWorld, q: Array) -> Path:
@@ -189,7 +192,7 @@ class Planning:
         if result.path is None:
             status = "NOT_FOUND" if result.ik is None or result.ik.solved else result.ik.status.value
             self.story.fail(status, f"{what}: {'; '.join(result.failures)}")
-        self._tell_path(result.path, limits, f"{what} ({result.how})")
+        self._tell_path(world, result.path, limits, f"{what} ({result.how})")
         return result.path
 
     def carry(
@@ -209,8 +212,9 @@ class Planning:
             self.story.log_way(name, team.tools(name, result.path.configurations))
         return result.path
 
-    def _tell_path(self, path: Path, limits: FollowLimits, what: str) -> None:
+    def _tell_path(self, world: PlanningWorld, path: Path, limits: FollowLimits, what: str) -> None:
+        proved = f"proved at least {1e3 * limits.clearance:.0f} mm clear all along"
         self.story.say(
             f"{what}: {len(path)} waypoints, largest step {path.largest_step:.3f} rad, "
-            f"proved at least {1e3 * limits.clearance:.0f} mm clear all along"
+            + self.story.if_looked_at(world, proved)
         )

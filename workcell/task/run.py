@@ -21,6 +21,7 @@ from workcell.record.write.recording import Recording
 from workcell.simulate.controller import CONTROLLERS
 from workcell.task.job import Job
 from workcell.task.script import TaskFailedError, load_script, run_script
+from workcell.task.story import NOTHING_CHECKED
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +96,10 @@ def run_task(
             recording.log_scene(scene)
             try:
                 run_script(script, job)
-                summary.update(achieved=True, status="ACHIEVED", sentence="The task was achieved.")
+                sentence = "The task was achieved."
+                if summary.get("nothing_checked"):
+                    sentence += f" Collisions were not checked: {NOTHING_CHECKED}."
+                summary.update(achieved=True, status="ACHIEVED", sentence=sentence)
             except TaskFailedError as failure:
                 summary.update(achieved=False, status=failure.status, sentence=failure.sentence)
                 job.say(f"{failure.status}: {failure.sentence}", level="ERROR")

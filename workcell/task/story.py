@@ -20,6 +20,8 @@ from workcell.simulate.simulation import Simulation
 from workcell.task.script import TaskFailedError
 from workcell.world.planning_world import PlanningWorld
 
+NOTHING_CHECKED = "there is no collision geometry that could meet"
+
 
 @dataclass(slots=True)
 class Story:
@@ -91,6 +93,14 @@ class Story:
             f"{self.scene.name}: {len(world.obstacles)} obstacle pieces, {len(world.cover)} robot spheres, "
             f"{len(world.free_space)} free-space cuboids"
         )
+        if world.clearance.checks.nothing:
+            self.say(f"{world.robot.name}: what is planned is {world.clearance.checks.words}", "WARN")
+
+    @staticmethod
+    def if_looked_at(world: PlanningWorld, words: str) -> str:
+        """What a proof of clearance in a world says; where nothing in it could meet, that nothing was checked."""
+        checks = world.clearance.checks
+        return checks.words if checks.nothing else words
 
     def log_plan(self, path: Path) -> None:
         """A planned way of the tool into the recording, after those that were planned for this robot before."""
@@ -122,10 +132,13 @@ class Story:
         or above zero, and robots that moved at once are proved clear of each other.
         """
         execution = simulation.result()
-        pair = execution.min_clearance_pair
+        pair, looked = execution.min_clearance_pair, not execution.looked_at_nothing
+        if not looked:
+            self.summary["nothing_checked"] = True
+            self.say(f"{NOTHING_CHECKED}: neither contacts nor clearance were looked at", "WARN")
         self.summary.update(
             simulated_s=simulation.time,
-            min_clearance_m=execution.min_clearance,
+            min_clearance_m=execution.min_clearance if looked else None,
             min_clearance_pair=list(pair),
             max_tracking_error_m=float(execution.tracking_error_m.max(initial=0.0)),
             unintended_contacts=len(execution.contacts),
@@ -134,14 +147,13 @@ class Story:
             self.fail(
                 execution.stop.reason.value, f"{execution.stop.reason.sentence} {execution.stop.detail}"
             )
-        checks = {
-            "no unintended contact": not execution.contacts,
-            "clearance never below zero": execution.min_clearance >= 0.0,
-            **(
-                {"all that moved at once is proved clear of each other": False} if simulation.unproved else {}
-            ),
-            **conditions,
-        }
+        checks: dict[str, bool] = {}
+        if looked:
+            checks["no unintended contact"] = not execution.contacts
+            checks["clearance never below zero"] = execution.min_clearance >= 0.0
+        if simulation.unproved:
+            checks["all that moved at once is proved clear of each other"] = False
+        checks |= conditions
         self.summary["conditions"] = checks
         missed = [name for name, holds in checks.items() if not holds]
         if missed:

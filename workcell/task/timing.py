@@ -57,8 +57,9 @@ class Timing:
         if not proof.proved:
             self.story.fail("COLLISION", f"{what}: the timed motion is not clear: {proof.reason}")
         use = self._check_torques(dynamics, trajectory, world.attached, what)
+        proved = self.story.if_looked_at(world, f"proved {1e3 * TRACKING_ROOM:.0f} mm clear or more")
         self.story.say(
-            f"{what}: {trajectory.duration:.2f} s, proved {1e3 * TRACKING_ROOM:.0f} mm clear or more, "
+            f"{what}: {trajectory.duration:.2f} s, {proved}, "
             f"at most {use.share.max():.0%} of {use.joint}'s effort limit"
         )
         return trajectory

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from workcell.geometry.self_collision import SelfCollisionPairs, self_collision_pairs
 from workcell.geometry.types import SphereCover
 from workcell.identity_cache import ByIdentity
-from workcell.ik.problem import Clearance
+from workcell.ik.problem import Checks, Clearance
 from workcell.model.collision_model import CollisionModel
 from workcell.model.robot import Robot
 from workcell.pose import Array
@@ -38,6 +38,12 @@ class ModelClearance:
         if found.distance >= 0.0:
             found = self.collision.contact(q) or found
         return Clearance(found.distance, found.pair, found.reason)
+
+    @property
+    def checks(self) -> Checks:
+        """What it looks at: pairs of geoms that MuJoCo may bring into contact."""
+        own = self.collision.own_pairs
+        return Checks(int(np.count_nonzero(~own)), int(np.count_nonzero(own)))
 
     def self_pairs(
         self, robot: Robot, cover: SphereCover, known_free: ArrayLike | None = None

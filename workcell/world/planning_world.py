@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +19,7 @@ from workcell.model.collision_model import CollisionModel
 from workcell.model.grip import fingers_at, fingers_holding, hand_clearance
 from workcell.model.labels import geom_name, geoms_called, obstacle_label
 from workcell.model.robot import Robot
-from workcell.model.scene import Scene
+from workcell.model.scene import Scene, robot_scene
 from workcell.model.scene_parts import SceneRobot
 from workcell.pose import Array, Pose
 from workcell.world.hand_cover import cover_with_fingers
@@ -54,7 +55,7 @@ class PlanningWorld:
 
     @staticmethod
     def of(
-        scene: Scene,
+        scene: Scene | str | Path,
         robot: str | None = None,
         *,
         tool: str | None = None,
@@ -67,7 +68,8 @@ class PlanningWorld:
         """Cover the robot, collect the obstacles and inflate free space around where the robot will be.
 
         Args:
-            scene: the scene.
+            scene: the scene; or the name or path of a robot, which then stands alone in an empty world and is looked at
+                for collisions with itself; or the path of a task file.
             robot: the robot's name; None: the only one.
             tool: the site to place; None: the robot's own.
             overshoot: of the sphere cover, metres.
@@ -77,6 +79,8 @@ class PlanningWorld:
             towards: configurations (n,) that the free space should hold, besides the start.
             seed: of the free space's random seeds.
         """
+        if not isinstance(scene, Scene):
+            scene = Scene.load(scene) if str(scene).endswith(".toml") else robot_scene(scene)
         actor = scene.robot(robot)
         if opening != 1.0:
             actor = replace(actor, fingers=fingers_at(scene, actor, opening))

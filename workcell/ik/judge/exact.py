@@ -148,6 +148,8 @@ class ExactDistances:
     def __call__(self, points: Array) -> Array:
         """Signed distances (m, k) in metres from world points (m, 3) to the k pieces."""
         distances = np.empty((len(points), len(self.pieces)))
+        if not len(points):
+            return distances
         for kind, chosen, into_local, shift, size in self._groups:
             local = (points @ into_local).reshape(len(points), -1, 3) - shift
             if kind == "hull":

@@ -33,8 +33,8 @@ class FollowStatus(enum.Enum):
 
 
 _SENTENCES = {
-    FollowStatus.FOLLOWED: "A continuous motion along the whole tool path was found, "
-    "and is clear between waypoints too.",
+    FollowStatus.FOLLOWED: "A continuous motion along the whole tool path was found; "
+    "what its configurations were checked for holds between them too.",
     FollowStatus.UNREACHABLE: "Kinematics alone forbids a pose of the path. Move the path or the robot's base.",
     FollowStatus.BLOCKED: "Obstacles forbid a pose of the path. Move the path or the obstacle.",
     FollowStatus.BLOCKED_IN_MODEL: "No configuration of a pose of the path exists in the conservative model; "

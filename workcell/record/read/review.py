@@ -234,6 +234,9 @@ def _checks(
                 f"the run claims {1e3 * claimed:.2f} mm, the recording shows {1e3 * clearance.minimum:.2f} mm"
             )
             checks.append(Check("claimed clearance", False, text))
+    if result.get("nothing_checked"):
+        text = "not measured: there is no collision geometry that could meet"
+        checks.append(Check("clearance", clearance is None, text))
     if (tracking := rows.get("tracking_error")) is not None:
         text = f"largest tracking error {1e3 * tracking.maximum:.3f} mm at {tracking.time_of_maximum:.2f} s"
         limit = result.get("tracking_limit_m")

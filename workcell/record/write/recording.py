@@ -106,11 +106,9 @@ class Recording(SceneLog):
 
     def log_execution(self, chunk: Execution) -> None:
         """Consecutive rows of a simulation, with their events and contacts: what `Simulation` hands out."""
-        metrics = {
-            "clearance": chunk.clearance,
-            "tracking_error": chunk.tracking_error_m,
-            "tracking_error_rad": chunk.tracking_error_rad,
-        }
+        metrics = {"tracking_error": chunk.tracking_error_m, "tracking_error_rad": chunk.tracking_error_rad}
+        if not chunk.looked_at_nothing:
+            metrics |= {"clearance": np.nan_to_num(chunk.clearance, nan=np.inf)}
         self.log_states(chunk.time, chunk.qpos, metrics)
         self.log_nearest(chunk.time, chunk.clearance_points)
         for event in chunk.events:

@@ -67,8 +67,9 @@ def add_arm(draft: Draft, world: Element, actuators: Element, equalities: Elemen
         for _ in range(in_body):
             name = _add_joint(draft, body, locked)
             left -= 1
-            if driven and len(driven) + left >= 3 and draft.chance(0.06, "coupling"):
-                followers.append(_follow(draft, equalities, name, str(rng.choice(driven))))
+            leaders = [leader for leader in driven if leader not in locked]
+            if leaders and len(driven) + left >= 3 and draft.chance(0.06, "coupling"):
+                followers.append(_follow(draft, equalities, name, str(rng.choice(leaders))))
                 continue
             driven.append(name)
         bodies += _add_flesh(draft, body, _offset(rng))

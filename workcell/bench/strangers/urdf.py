@@ -65,8 +65,9 @@ def _arm(rng: np.random.Generator, features: set[str]) -> tuple[str, Arm]:
         joint = _joint(rng, root, name, kind, parent, child, along)
         bodies, parent = bodies + 1, child
         limits[name] = _limit(rng, joint, kind, features)
-        if kind == "revolute" and len(driven) >= 2 and rng.random() < 0.15:
-            followers.append(_mimic(rng, joint, name, str(rng.choice(driven))))
+        leaders = [leader for leader in driven if limits[leader][0] < limits[leader][1]]
+        if kind == "revolute" and len(leaders) >= 2 and rng.random() < 0.15:
+            followers.append(_mimic(rng, joint, name, str(rng.choice(leaders))))
             features.add("mimic")
             limits[name] = (-np.inf, np.inf)
             joint.set("type", "continuous")

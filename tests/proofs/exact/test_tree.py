@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.proofs.exact.documents import DOWN, about_z, joint, matrix, planar, problem, quaternion, tree
+from tests.proofs.exact.documents import DOWN, about_z, planar, problem, tree
+from tests.proofs.exact.planting import planted
 from workcell.proofs.exact.reading import RefusedError
 from workcell.proofs.exact.tree import walk
 from workcell.proofs.exact.tree.fixed import ONE, TRIG_ERROR, cos_sin, root_down, root_up
@@ -119,35 +120,9 @@ def test_no_planted_configuration_is_proved_away(tmp_path_factory, seed, n):
     nodes, splits = random_tree(asked, rng)
     with pytest.MonkeyPatch.context() as patch, pytest.raises(RefusedError):
         patch.setattr(walk, "PIECES_BEYOND", 1000)
+        patch.setattr(walk, "PIECES_A_LEAF", 50)
         check(asked, tree(asked, nodes, splits))
     assert len(q) == n
-
-
-def planted(folder, rng, n):
-    def unit(size):
-        v = rng.normal(size=size)
-        return (v / np.linalg.norm(v)).tolist()
-
-    robot = {
-        "name": "any",
-        "joints": [
-            joint(0.3 * rng.normal(size=3), unit(3), *np.sort(rng.uniform(-3, 3, 2)), quat=unit(4))
-            for _ in range(n)
-        ],
-        "tool": {"xyz": (0.2 * rng.normal(size=3)).tolist(), "quat": unit(4)},
-        "spheres": [],
-    }
-    q = [rng.uniform(j["lower"], j["upper"]) for j in robot["joints"]]
-    R, p = np.eye(3), np.zeros(3)
-    for j, angle in zip(robot["joints"], q, strict=True):
-        p = p + R @ j["xyz"]
-        R = (
-            R
-            @ matrix(j["quat"])
-            @ matrix([math.cos(angle / 2), *(math.sin(angle / 2) * np.array(j["axis"]))])
-        )
-    xyz = p + R @ robot["tool"]["xyz"]
-    return problem(folder, robot, xyz.tolist(), quaternion(R @ matrix(robot["tool"]["quat"]))), q
 
 
 def random_tree(asked, rng, inner=6):

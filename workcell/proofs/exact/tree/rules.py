@@ -11,6 +11,7 @@ from workcell.proofs.exact.problems import SLACK, Problem
 from workcell.proofs.exact.reading import RefusedError
 from workcell.proofs.exact.spans import ONE as SPAN_ONE
 from workcell.proofs.exact.spans import PI, span
+from workcell.proofs.exact.tree.closures import closures
 from workcell.proofs.exact.tree.collisions import named_pairs
 from workcell.proofs.exact.tree.fixed import ONE, Ints
 from workcell.proofs.exact.tree.relations import Blur
@@ -56,7 +57,7 @@ def branch(problem: Problem, certificate: Certificate) -> Claim:
         np.array([_floor(Fraction(v) - WIDENED) for v in low], dtype=np.int64),
         np.array([_ceiling(Fraction(v) + WIDENED) for v in high], dtype=np.int64),
     ]
-    Walker(arm, blur, pairs).prove(nodes, ends[0], ends[1])
+    Walker(arm, blur, pairs, closures(arm)).prove(nodes, ends[0], ends[1])
     leaves = int(np.count_nonzero(nodes.joint < 0))
     wanted = (
         f" with a clearance of {1e3 * c:.4g} mm or more (up to 0.01 mm beyond the wanted one)"

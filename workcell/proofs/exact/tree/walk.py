@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from workcell.proofs.exact.reading import RefusedError
+from workcell.proofs.exact.tree.closures import Closure, narrowed
 from workcell.proofs.exact.tree.collisions import Pairs, inside
 from workcell.proofs.exact.tree.fixed import Flags, Ints
-from workcell.proofs.exact.tree.linear import LARGEST_SUM, narrow
 from workcell.proofs.exact.tree.relations import Blur, relations
 from workcell.proofs.exact.tree.views import FixedArm, View, views
 
@@ -17,8 +17,10 @@ AT_ONCE = 256
 """Boxes looked at together."""
 ROUNDS = 2
 """So often a box is narrowed before it is cut."""
-PIECES_A_LEAF = 400
+PIECES_A_LEAF = 2000
 PIECES_BEYOND = 100_000
+MOST_PIECES = 10_000_000
+"""Where a leaf's proof is given up: some minutes for all of them together."""
 SMALLEST = 16
 """A piece is not cut in joints narrower than this."""
 
@@ -72,6 +74,7 @@ class Walker:
     arm: FixedArm
     blur: Blur
     pairs: Pairs
+    closures: list[Closure]
 
     def prove(self, tree: Tree, low: Ints, high: Ints) -> int:
         """Prove every leaf below the root box; how many boxes were looked at.
@@ -110,15 +113,13 @@ class Walker:
                 left = ~self._collide(boxes, half, base, target)
                 boxes, half, cut = boxes.only(left), half[:, left], cut[left]
                 base, target = base.only(left), target.only(left)
-            small = np.flatnonzero(half.sum(axis=0) <= LARGEST_SUM)
-            if not len(small):
-                break
-            some = boxes.only(small)
-            low, high = narrow(self.arm, base.only(small), target.only(small), some.low, some.high, self.blur)
-            shrunk = np.any((high - low) * 2 < some.high - some.low)
-            boxes.low[:, small], boxes.high[:, small] = low, high
-            left = np.all(boxes.low <= boxes.high, axis=0)
-            boxes, cut = boxes.only(left), cut[left]
+            middle = middle[:, kept][:, left] if pieces else middle[:, kept]
+            low, high = boxes.low, boxes.high
+            for closure in self.closures:
+                low, high = narrowed(closure, self.arm, (base, target), middle, low, high, self.blur)
+            shrunk = np.any((high - low) * 2 < boxes.high - boxes.low)
+            left = np.all(low <= high, axis=0)
+            boxes, cut = Boxes(boxes.of, low, high).only(left), cut[left]
             if not shrunk:
                 break
         return boxes, cut
@@ -134,7 +135,7 @@ class Walker:
         return proved
 
     def _pieces(self, leaves: Boxes) -> int:
-        allowed = PIECES_A_LEAF * len(leaves) + PIECES_BEYOND
+        allowed = min(PIECES_A_LEAF * len(leaves) + PIECES_BEYOND, MOST_PIECES)
         stack, seen = [leaves], 0
         while stack:
             batch = stack.pop()

@@ -44,8 +44,12 @@ def fingers_at(scene: Scene, robot: SceneRobot, opening: float) -> Fingers:
         if joint not in hand:
             closed = opened
         placed[joint] = float(closed + opening * (opened - closed))
-    values = settled(scene.model, placed)
-    return tuple((int(scene.model.jnt_qposadr[joint]), value) for joint, value in values.items())
+    qpos = np.array(scene.model.qpos0)
+    addresses = [int(scene.model.jnt_qposadr[joint]) for joint in placed]
+    qpos[addresses] = list(settled(scene.model, placed).values())
+    if robot.loops is not None and (reason := robot.loops.settle(qpos)):
+        raise InputError(f"an opening of {opening:g}: {reason}", where="opening")
+    return tuple((address, float(qpos[address])) for address in addresses)
 
 
 def fingers_holding(scene: Scene, robot: SceneRobot, thing: str, T_tool_object: Pose) -> Fingers:

@@ -59,6 +59,35 @@ def four_bar(rng):
 </mujoco>"""
 
 
+def linked_gripper(rng):
+    """An arm of one hinge; each of its two fingers hangs on a crank, which a tendon drives, and a parallel rod."""
+    fingers, connects, length = "", "", rng.uniform(0.05, 0.08)
+    for side, y in (("l", 0.03), ("r", -0.03)):
+        way = 1 if y > 0 else -1
+        fingers += f"""
+        <body name="crank_{side}" pos="0 {y} 0"><joint name="c_{side}" axis="{-way} 0 0" range="-.6 .2"/>
+          <geom name="crank_{side}" type="capsule" fromto="0 0 .01 0 0 {length - 0.01}" size=".004" mass=".02"/>
+          <body name="finger_{side}" pos="0 0 {length}"><joint name="f_{side}" axis="1 0 0"/>
+            <geom name="finger_{side}" type="box" size=".01 .004 .02" pos="0 0 .03" mass=".02"/></body></body>
+        <body name="rod_{side}" pos=".03 {y} 0"><joint name="r_{side}" axis="1 0 0"/>
+          <geom name="rod_{side}" type="capsule" fromto="0 0 .01 0 0 {length - 0.01}" size=".003" mass=".02"/></body>"""
+        connects += f'<connect name="{side}" body1="rod_{side}" body2="finger_{side}" anchor="0 0 {length}"/>'
+    # a rod that is parallel in the plane of its crank, and as long, holds the finger upright
+    fingers = fingers.replace('pos=".03 0.03 0"', 'pos="0 0.05 0"').replace(
+        'pos=".03 -0.03 0"', 'pos="0 -0.05 0"'
+    )
+    return f"""
+<mujoco><compiler angle="radian"/>
+  <worldbody><body name="base"><geom name="foot" type="sphere" size=".02" pos="0 0 -.3"/>
+    <body name="arm"><joint name="j" axis="0 0 1" range="-1 1"/>
+      <geom name="arm" type="box" size=".02 .02 .02" pos="0 0 -.1"/>
+      {fingers}<site name="tool" pos="0 0 .1"/></body></body></worldbody>
+  <equality>{connects}</equality>
+  <tendon><fixed name="grip"><joint joint="c_l" coef=".5"/><joint joint="c_r" coef=".5"/></fixed></tendon>
+  <actuator><motor joint="j"/><position name="gripper" tendon="grip" kp="10" ctrlrange="-.6 .2"/></actuator>
+</mujoco>"""
+
+
 def demanded(model, qpos):
     """The largest residual of the equality constraints by plain MuJoCo at raw positions."""
     data = mujoco.MjData(model)

@@ -1,12 +1,15 @@
 """Passive joints are where the model's loops have them; loops that tie driven joints are refused by name."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from tests.model.loops.linkages import demanded, four_bar, parallel_arm
+from tests.model.loops.linkages import demanded, four_bar, linked_gripper, parallel_arm
 from workcell.errors import ModelError
 from workcell.ik.judge.verify import Verifier
 from workcell.model.collision_model import CollisionModel
+from workcell.model.grip import fingers_at
 from workcell.model.loops.motion import LoopBounds
 from workcell.model.scene import Scene
 from workcell.world.planning_world import PlanningWorld
@@ -187,3 +190,24 @@ def test_other_elements_close_loops_as_well(tmp_path, kind):
         assert qpos[scene.model.joint("pr").qposadr[0]] == pytest.approx(q[0], abs=1e-8)
         assert qpos[scene.model.joint("pb").qposadr[0]] == pytest.approx(-q[0], abs=1e-8)
         assert demanded(scene.model, qpos) < 1e-8
+
+
+def test_a_grippers_linkages_close_with_its_fingers(tmp_path):
+    scene = scene_of(tmp_path, linked_gripper(np.random.default_rng(0)))
+    robot, model = scene.robot(), scene.model
+    assert robot.loops.loops == () and not robot.loops.refusals and not robot.loops.undetermined
+    assert set(robot.loops.passive) == {"f_l", "r_l", "f_r", "r_r"} and robot.gripper == "gripper"
+    assert {"rod_l", "finger_r"} <= {
+        model.body(b).name for b in robot.link_body_ids[1]
+    }  # they ride on the hand
+    for opening in (0.0, 0.3, 1.0):
+        there = replace(robot, fingers=fingers_at(scene, robot, opening))
+        moved = replace(scene, robots={robot.name: there})
+        collision = CollisionModel(moved)
+        for q in (-0.5, 0.7):
+            qpos = collision.full_qpos([q])
+            crank = qpos[model.joint("c_l").qposadr[0]]
+            assert demanded(model, qpos) < 1e-6
+            assert qpos[model.joint("r_l").qposadr[0]] == pytest.approx(-crank, abs=1e-8)
+            assert qpos[model.joint("f_l").qposadr[0]] == pytest.approx(crank, abs=1e-8)
+        assert crank == pytest.approx([-0.6, -0.42, 0.0][[0.0, 0.3, 1.0].index(opening)]) or opening

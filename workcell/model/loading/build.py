@@ -20,6 +20,7 @@ from workcell.model.loading.passive_joints import find_loops
 from workcell.model.loading.placing import cell_site
 from workcell.model.loading.subtrees import Members, actuators_of, bodies_of_links, joints_of
 from workcell.model.loading.taskfile import ObjectEntry, RobotEntry, TaskFile, read_task_file
+from workcell.model.loops.loops import Loops
 from workcell.model.scene_parts import SceneObject, SceneRobot
 
 if TYPE_CHECKING:
@@ -197,7 +198,7 @@ def scene_robot(
         actuator_ids=np.array([actuator_of_joint(model, j) for j in variables]),
         gripper=_gripper_actuator(model, mine.own, joints),
         start=start,
-        fingers=_fingers(model, resting, prefix, home),
+        fingers=_settled_inside(model, loops, _fingers(model, resting, prefix, home)),
         base_body=found.base,
         site_ids=found.sites,
         guest_ids=guests,
@@ -220,6 +221,17 @@ def _fingers(
             name = str(model.joint(joint).name).removeprefix(prefix)
             values[joint] = home.get(name, float(model.qpos0[model.jnt_qposadr[joint]]))
     return tuple((int(model.jnt_qposadr[joint]), value) for joint, value in settled(model, values).items())
+
+
+def _settled_inside(
+    model: mujoco.MjModel, loops: Loops, fingers: tuple[tuple[int, float], ...]
+) -> tuple[tuple[int, float], ...]:
+    """Values of joints by address, those of passive ones where a gripper's linkages have them."""
+    qpos = np.array(model.qpos0)
+    for address, value in fingers:
+        qpos[address] = value
+    loops.settle(qpos)
+    return tuple((address, float(qpos[address])) for address, _ in fingers)
 
 
 def settled_joints(model: mujoco.MjModel, robots: Iterable[SceneRobot]) -> tuple[tuple[int, float], ...]:

@@ -62,9 +62,12 @@ def find_loops(model: mujoco.MjModel, bodies: Collection[int], driven: Sequence[
     for loop in loops:
         refusals += _constraints(model, loop, driven)
     determined = {joint for loop in loops for joint in loop.joints}
-    roots = {int(model.jnt_bodyid[joint]) for joint in determined}
+    carried = [bool(set(driven).intersection(loop.system.given.tolist())) for loop in loops]
+    outer = tuple(loop for loop, moves in zip(loops, carried, strict=True) if moves)
+    roots = {int(model.jnt_bodyid[joint]) for loop in outer for joint in loop.joints}
     return Loops(
-        tuple(loops),
+        outer,
+        tuple(loop for loop, moves in zip(loops, carried, strict=True) if not moves),
         subtree(model, roots) if roots else frozenset(),
         tuple(_name(model, joint) for joint in idle if joint not in determined),
         tuple(refusals),

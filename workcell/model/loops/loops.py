@@ -45,13 +45,15 @@ class Loops:
     """The passive joints of one robot.
 
     Attributes:
-        loops: those that elements of the model determine.
-        bodies: ids of the bodies that determined joints move.
+        loops: those that elements of the model determine, by driven joints among others.
+        inner: those that are determined without driven joints, such as a gripper's linkages, by its fingers.
+        bodies: ids of the bodies that the passive joints of `loops` move.
         undetermined: names of the joints that nothing drives and nothing determines: they stay where they begin.
         refusals: what can't be honoured, in words with the elements' names; empty where there is nothing.
     """
 
     loops: tuple[Loop, ...]
+    inner: tuple[Loop, ...]
     bodies: frozenset[int]
     undetermined: tuple[str, ...]
     refusals: tuple[str, ...]
@@ -59,11 +61,11 @@ class Loops:
     @property
     def passive(self) -> tuple[str, ...]:
         """Names of the joints that loops determine."""
-        return tuple(name for loop in self.loops for name in loop.joint_names)
+        return tuple(name for loop in (*self.loops, *self.inner) for name in loop.joint_names)
 
     @property
     def joints(self) -> tuple[int, ...]:
-        """Ids of the joints that loops determine."""
+        """Ids of the joints that loops determine by driven ones."""
         return tuple(joint for loop in self.loops for joint in loop.joints)
 
     def close(self, qpos: Array) -> str:
@@ -72,20 +74,11 @@ class Loops:
         Returns:
             why that is no configuration of the mechanism, in words; empty where it is one.
         """
-        reasons = []
-        for loop in self.loops:
-            found = loop.system.close(qpos)
-            qpos[loop.system.passive_qpos] = found.values
-            if found.missed > TOLERANCE:
-                reasons.append(f"{loop.name} can't be closed: {1e3 * found.missed:.3g} mm (mrad) are missing")
-                continue
-            outside = (found.values < loop.lower - LIMIT_SLACK) | (found.values > loop.upper + LIMIT_SLACK)
-            reasons += [
-                f"joint {loop.joint_names[k]} = {found.values[k]:.6g}, which {loop.name} determines, "
-                f"is outside [{loop.lower[k]:.6g}, {loop.upper[k]:.6g}]"
-                for k in np.flatnonzero(outside)
-            ]
-        return "; ".join(reasons)
+        return _closed(self.loops, qpos)
+
+    def settle(self, qpos: Array) -> str:
+        """The same for the loops that no driven joint moves."""
+        return _closed(self.inner, qpos)
 
     def move(self, qpos: Array, qvel: Array, qacc: Array) -> None:
         """Write into velocities and accelerations (nv,) those of the passive joints, by those of all others.
@@ -121,3 +114,20 @@ class Loops:
         """
         apart = [loop.name for loop in self.loops if not loop.system.follows(one, two)]
         return f"{' and '.join(apart)} would have to be assembled in another way on the way" if apart else ""
+
+
+def _closed(loops: tuple[Loop, ...], qpos: Array) -> str:
+    reasons = []
+    for loop in loops:
+        found = loop.system.close(qpos)
+        qpos[loop.system.passive_qpos] = found.values
+        if found.missed > TOLERANCE:
+            reasons.append(f"{loop.name} can't be closed: {1e3 * found.missed:.3g} mm (mrad) are missing")
+            continue
+        outside = (found.values < loop.lower - LIMIT_SLACK) | (found.values > loop.upper + LIMIT_SLACK)
+        reasons += [
+            f"joint {loop.joint_names[k]} = {found.values[k]:.6g}, which {loop.name} determines, "
+            f"is outside [{loop.lower[k]:.6g}, {loop.upper[k]:.6g}]"
+            for k in np.flatnonzero(outside)
+        ]
+    return "; ".join(reasons)

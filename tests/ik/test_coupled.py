@@ -1,4 +1,4 @@
-"""Arms whose joints follow others: planted configurations are found, and what only free joints reach is proved out."""
+"""Arms whose joints follow others: what is planted is found, what only free joints reach is not."""
 
 from dataclasses import replace
 

@@ -1,16 +1,22 @@
-"""Arms whose joints follow others: lines and curves are proved for what really moves, and plans are executed."""
+"""Arms whose joints follow others: lines and curves are proved for what really moves, and planned."""
 
 import numpy as np
 import pytest
 
 from tests.coupled_arms import coupled_arm
 from tests.ik.test_coupled import among_spheres, arm
+from workcell.errors import InputError
 from workcell.ik.result import Status
+from workcell.model.scene import robot_scene
 from workcell.motion.plans.to_pose import plan_to_pose
 from workcell.motion.polynomials import PolynomialMotion
 from workcell.motion.proofs.judge import judge_path
 from workcell.motion.proofs.on_model import link_motion
 from workcell.motion.proofs.on_spheres import CoverProver
+from workcell.motion.tool_paths.follow import follow, line, step_solver
+from workcell.motion.tool_paths.route import route
+from workcell.pose import Pose
+from workcell.world.planning_world import PlanningWorld
 
 
 def smallest(robot, cover, balls, q):
@@ -79,3 +85,23 @@ def test_plans_to_poses_are_found_and_judged(tmp_path):
         plan = plan_to_pose(problem, start)
         assert plan.status is Status.SOLVED and plan.proved
         assert judge_path(problem, start, plan.path).accepted
+
+
+def test_a_tool_path_is_followed(tmp_path):
+    text = coupled_arm(3, joints=8, followers=1, slides=False)[0]
+    (tmp_path / "arm.xml").write_text(text)
+    world = PlanningWorld.of(robot_scene(tmp_path / "arm.xml"))
+    robot, rng = world.robot.robot, np.random.default_rng(3)
+    q = next(q for q in 0.5 * robot.random_configuration(rng, 100) if world.clearance(q).distance > 0.02)
+    first = robot.fk(q)
+    last = Pose(first.position + [0.05, 0.05, -0.04], first.quat_wxyz)
+    for found in (
+        follow(world.problem(first), line(first, last), q, solver=step_solver("auto")),
+        route(world.problem(first), line(first, last), q),
+    ):
+        assert found.path is not None and found.path.configurations.shape[1] == robot.dof
+        assert found.path.end.shape == (robot.dof,)
+        away, turned = robot.fk(found.path.end).error_to(last)
+        assert away < 2e-4 and turned < 2e-3
+    with pytest.raises(InputError, match="joints that follow others"):
+        follow(world.problem(first), line(first, last), q)

@@ -1,4 +1,4 @@
-"""Arms whose joints follow others from the pose to the run: torques, tracking, and the constraint kept all along."""
+"""Arms whose joints follow others: torques, tracking, and the constraint kept all along."""
 
 import copy
 

@@ -122,11 +122,12 @@ def _check_robot(name: str) -> dict[str, Any]:
 def _robot_lines(robot: Robot) -> list[str]:
     lines = [f"{robot.name}: {robot.dof} joints, reach {robot.reach():.3f} m, tools {', '.join(robot.tools)}"]
     for k, joint in enumerate(robot.joint_names):
-        unit = "m" if robot.prismatic[k] else "rad"
+        unit = "m" if robot.slides[k] else "rad"
         lines.append(
             f"{joint}: [{robot.lower[k]:.4f}, {robot.upper[k]:.4f}] {unit}, "
             f"velocity {robot.velocity[k]:g}, effort {robot.effort[k]:g}"
         )
+    lines += _followers(robot)
     unlimited = [
         joint for joint, limit in zip(robot.joint_names, robot.acceleration, strict=True) if limit == math.inf
     ]
@@ -136,6 +137,20 @@ def _robot_lines(robot: Robot) -> list[str]:
             f'(<custom><numeric name="{unlimited[0]}:acceleration" data="..."/></custom> in MJCF, '
             "or acceleration= in the task's script)"
         )
+    return lines
+
+
+def _followers(robot: Robot) -> list[str]:
+    """A line for each joint that follows another."""
+    coupling = robot.coupling
+    if coupling is None:
+        return []
+    lines = []
+    for k in coupling.followers:
+        leader, row = robot.joint_names[coupling.variable[k]], coupling.coefficients[k]
+        powers = ["", f" {leader}", *(f" {leader}^{i}" for i in range(2, len(row)))]
+        terms = [f"{c:g}{power}" for c, power in zip(row, powers, strict=True) if c]
+        lines.append(f"{robot.all_joint_names[k]}: follows, {' + '.join(terms) or '0'}")
     return lines
 
 

@@ -64,6 +64,14 @@ def _arm(robot: Robot) -> Arm:
     return Arm(frames, joint_bounds(robot, robot.lower, robot.upper))
 
 
+def pack_variables(robot: Robot) -> Arm:
+    """The same chain, its limits those of the robot's n variables."""
+    arm = pack_arm(robot)
+    return (
+        arm if robot.coupling is None else arm._replace(bounds=joint_bounds(robot, robot.lower, robot.upper))
+    )
+
+
 def pack_couple(robot: Robot) -> Couple:
     """How the robot's joints follow from its variables; empty where each joint is one."""
     from workcell.kernels.coupling import Couple

@@ -12,14 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError
-from workcell.geometry.packing import (
-    axis_frames,
-    joint_bounds,
-    pack_arm,
-    pack_couple,
-    pack_cover,
-    pack_obstacles,
-)
+from workcell.geometry.packing import axis_frames, pack_couple, pack_cover, pack_obstacles, pack_variables
 from workcell.geometry.types import Piece, SphereCover
 from workcell.identity_cache import ByIdentity
 from workcell.ik.problem import Clearance
@@ -115,7 +108,7 @@ def pack_body(
         raise InputError(f"{robot.name} is a tree", where="robot", remedy="pass robot.chain(tool)")
     if not np.isfinite(floor):
         raise InputError(f"a clearance of {floor} m can't be kept", where="floor")
-    arm = pack_arm(robot)
+    arm = pack_variables(robot)
     if cover is None:
         cover = SphereCover(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0))
     spheres, balls = pack_cover(robot, cover)
@@ -123,7 +116,7 @@ def pack_body(
     pairs, apart = _pairs(cover, spheres, self_pairs)
     body: Body = kernels().Body(
         arm.frames,
-        arm.bounds if robot.coupling is None else joint_bounds(robot, robot.lower, robot.upper),
+        arm.bounds,
         spheres,
         balls,
         rows,

@@ -44,7 +44,7 @@ def posture(robot: Robot, q: ArrayLike) -> Posture:
         InputError: a configuration of the wrong size, or not finite.
     """
     values = robot.configuration(np.asarray(q, dtype=float))
-    if robot.dof < 3:
+    if robot.joint_count < 3:
         return Posture(0, 0, 0)
     z, p, shoulder, wrist = _lines(robot, values)
     elbow = _elbows.get((robot,), lambda: _elbow_joint(robot))
@@ -80,10 +80,10 @@ def _stretching(z: Array, p: Array, shoulder: Array, wrist: Array, joint: int) -
 def _elbow_joint(robot: Robot) -> int:
     """The inner joint that changes the distance from shoulder to wrist most; -1 where none does."""
     rng = np.random.default_rng(0)
-    effect = np.zeros(robot.dof)
+    effect = np.zeros(robot.joint_count)
     for q in robot.random_configuration(rng, _SAMPLES):
         lines = _lines(robot, q)
-        for joint in range(1, robot.dof - 1):
+        for joint in range(1, robot.joint_count - 1):
             if not robot.prismatic[joint]:
                 effect[joint] += abs(_stretching(*lines, joint))
     return int(effect.argmax()) if effect.max() > FLAT else -1

@@ -62,14 +62,14 @@ def solutions(
 
 def _judged(problem: IKProblem, judge: Verifier, pool: list[Array], count: int) -> tuple[IKResult, ...]:
     """Results of those chosen from a pool of configurations (n,); without those that the judge refuses."""
-    prismatic, collected = problem.robot.prismatic, len(pool)
+    fixed, collected = ~problem.robot.repeats, len(pool)
     while pool:
         rows, postures = np.stack(pool), [posture(problem.robot, q) for q in pool]
-        chosen = _choose(rows, postures, prismatic, count)
+        chosen = _choose(rows, postures, fixed, count)
         verdicts = [judge(rows[row]) for row in chosen]
         refused = {row for row, verdict in zip(chosen, verdicts, strict=True) if not verdict.accepted}
         if not refused:
-            apart = _distances(rows[chosen], prismatic) + np.diag(np.full(len(chosen), np.inf))
+            apart = _distances(rows[chosen], fixed) + np.diag(np.full(len(chosen), np.inf))
             return tuple(
                 _result(verdict, rows[row], postures[row], float(nearest), collected)
                 for row, verdict, nearest in zip(chosen, verdicts, apart.min(axis=1), strict=True)
@@ -78,9 +78,9 @@ def _judged(problem: IKProblem, judge: Verifier, pool: list[Array], count: int) 
     return ()
 
 
-def _choose(q: Array, postures: list[Posture], prismatic: NDArray[np.bool_], count: int) -> list[int]:
+def _choose(q: Array, postures: list[Posture], fixed: NDArray[np.bool_], count: int) -> list[int]:
     """Rows of q (k, n): the first, then the farthest from those chosen, postures not seen yet before all others."""
-    distance = _distances(q, prismatic)
+    distance = _distances(q, fixed)
     chosen, seen = [0], {postures[0]}
     while len(chosen) < min(count, len(q)):
         nearest = distance[:, chosen].min(axis=1)
@@ -93,11 +93,11 @@ def _choose(q: Array, postures: list[Posture], prismatic: NDArray[np.bool_], cou
     return chosen
 
 
-def _distances(q: Array, prismatic: NDArray[np.bool_]) -> Array:
-    """Largest joint difference (k, k) of each two rows of q (k, n), revolute joints modulo whole turns."""
+def _distances(q: Array, fixed: NDArray[np.bool_]) -> Array:
+    """Largest joint difference (k, k) of each two rows of q (k, n), what repeats modulo whole turns."""
     difference = np.abs(q[:, None] - q[None])
     turned = np.abs(difference - 2 * np.pi * np.round(difference / (2 * np.pi)))
-    largest: Array = np.where(prismatic, difference, turned).max(axis=-1)
+    largest: Array = np.where(fixed, difference, turned).max(axis=-1)
     return largest
 
 

@@ -220,9 +220,10 @@ def _without_pieces(problem: IKProblem, names: Collection[str]) -> IKProblem:
 def _bounded(problem: IKProblem) -> list[bool]:
     """Which joints have limits that forbid some angle; those of sliding joints are the arm's length, not a limit."""
     robot = problem.robot
+    moved = np.arange(robot.dof) if robot.coupling is None else robot.coupling.variable
     return [
-        not slides and bool(upper - lower < 2 * np.pi - 1e-9)
-        for slides, lower, upper in zip(robot.prismatic, robot.lower, robot.upper, strict=True)
+        not np.any(robot.prismatic[moved == k]) and bool(robot.upper[k] - robot.lower[k] < 2 * np.pi - 1e-9)
+        for k in range(robot.dof)
     ]
 
 

@@ -24,7 +24,7 @@ def turned_towards(robot: Robot, q: ArrayLike, near: ArrayLike) -> Array:
     """
     values = np.asarray(q, dtype=float)
     turned = values + 2 * np.pi * np.round((np.asarray(near, dtype=float) - values) / (2 * np.pi))
-    free = ~robot.prismatic & (turned >= robot.lower) & (turned <= robot.upper)
+    free = robot.repeats & (turned >= robot.lower) & (turned <= robot.upper)
     return np.where(free, turned, values)
 
 
@@ -40,7 +40,7 @@ def with_turns(robot: Robot, found: Sequence[Array], near: Array | None) -> list
 def all_turns(robot: Robot, found: Sequence[Array]) -> list[Array]:
     """Configurations (n,) and all others within the limits that differ from them by whole turns of revolute joints."""
     kept = list(found)
-    for joint in np.flatnonzero(~robot.prismatic & (robot.upper - robot.lower > 2 * np.pi)):
+    for joint in np.flatnonzero(robot.repeats & (robot.upper - robot.lower > 2 * np.pi)):
         turn = 2 * np.pi * np.eye(robot.dof)[joint]
         for q in list(kept):
             kept += [other for other in (q - turn, q + turn) if bool(robot.within_limits(other))]

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.compile_ahead import TRACKING, wait_for
-from workcell.geometry.packing import pack_arm
+from workcell.geometry.packing import pack_couple, pack_variables
 from workcell.ik.problem import IKProblem
 from workcell.ik.shared.packing import empty_world, one_joint
 from workcell.motion.tool_paths.models import worlds
@@ -52,12 +52,25 @@ def prepare_kernels() -> None:
     kernels, none = _kernels(), np.zeros((0, 12))
     beside = kernels.Aside(0.0, 0.0, 0.0, 0.0, 0.0)
     arm, box, step = one_joint(), np.zeros(7), np.ones(1)
+    couple = kernels.Couple(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
     kernels.track(
-        arm, empty_world(1), none, box, step, ACCURACY, beside, step, np.zeros((0, 1)), np.zeros((0, 3))
+        arm,
+        couple,
+        empty_world(1),
+        none,
+        box,
+        step,
+        ACCURACY,
+        beside,
+        step,
+        np.zeros((0, 1)),
+        np.zeros((0, 3)),
     )
     some = np.zeros((0, 1))
-    kernels.move(arm, empty_world(1), np.zeros(12), box, step, ACCURACY, some, some, some, np.zeros((0, 2)))
-    kernels.volumes(arm, none, box, some, np.zeros(0))
+    kernels.move(
+        arm, couple, empty_world(1), np.zeros(12), box, step, ACCURACY, some, some, some, np.zeros((0, 2))
+    )
+    kernels.volumes(arm, couple, none, box, some, np.zeros(0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +139,7 @@ class LocalTracker:
         prepare_kernels()
         self.template, self.tolerance, self.aside = template, tolerance or PathTolerance(), aside or Aside()
         robot = template.robot
-        self._arm = pack_arm(robot)
+        self._arm, self._couple = pack_variables(robot), pack_couple(robot)
         self._max_step = np.array(np.broadcast_to(np.asarray(max_step, dtype=float), (robot.dof,)))
         self._worlds = worlds(template, max(clearance, template.tolerances.safety_margin))
         self._box = np.append(self.tolerance.box, float(self.tolerance.frame == "tool"))
@@ -154,7 +167,8 @@ class LocalTracker:
         )
         world = self._worlds[min(lane, len(self._worlds) - 1)]
         reached = _kernels().track(
-            self._arm, world, frames(poses), self._box, self._max_step, ACCURACY, beside, np.array(q_start), out, report
+            self._arm, self._couple, world, frames(poses), self._box, self._max_step, ACCURACY, beside,
+            np.array(q_start), out, report
         )  # fmt: skip
         if reached == count:
             return Tracked(out, None, 0.0, float(report[:, 2].min(initial=np.inf)))
@@ -195,7 +209,7 @@ class LocalTracker:
         out, report = np.empty(starts.shape), np.empty((len(starts), 2))
         world = self._worlds[min(lane, len(self._worlds) - 1)]
         _kernels().move(
-            self._arm, world, frames([pose])[0], self._box, self._max_step, ACCURACY,
+            self._arm, self._couple, world, frames([pose])[0], self._box, self._max_step, ACCURACY,
             np.ascontiguousarray(starts), np.ascontiguousarray(wishes), out, report,
         )  # fmt: skip
         return report[:, 0] == _kernels().REACHED, out, report[:, 1]
@@ -213,7 +227,7 @@ class LocalTracker:
     def manipulability(self, poses: Sequence[Pose], q: Array) -> Array:
         """(k,) sqrt(det(J J^T)) of the coordinates without tolerance at each q (k, n) and pose; 1 rad weighs 0.3 m."""
         out = np.empty(len(q))
-        _kernels().volumes(self._arm, frames(poses), self._box, np.array(q), out)
+        _kernels().volumes(self._arm, self._couple, frames(poses), self._box, np.array(q), out)
         return out
 
     def why(self, pose: Pose, tracked: Tracked, q_before: Array) -> str:

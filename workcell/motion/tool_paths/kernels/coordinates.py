@@ -10,14 +10,19 @@ import numpy as np
 from workcell.jit import inner
 from workcell.kernels.chain import Arm, forward
 from workcell.kernels.constants import HUGE, ROTATION_WEIGHT
-from workcell.kernels.contacts import MOST_CONTACTS, Contacts, collect, room
+from workcell.kernels.contacts import MOST_CONTACTS, Contacts, collect, contact_row, room
+from workcell.kernels.coupling import Couple, follow, gather
 from workcell.kernels.pose_error import jacobian
 from workcell.kernels.structures import Work, World, scratch
 from workcell.pose import Array
 
 
 class Room(NamedTuple):
-    """Scratch: IK's own, the tool's coordinates and their rates, rows of the program, a wish and a trial (n,)."""
+    """Scratch: IK's own, the tool's coordinates and their rates, rows of the program, a wish and a trial (n,).
+
+    Where joints follow variables: how they do (else empty), their values, slopes and a row by joints (m,), and the
+    Jacobian by joints (6, m).
+    """
 
     work: Work
     contacts: Contacts
@@ -26,14 +31,46 @@ class Room(NamedTuple):
     rows: Array
     wish: Array
     trial: Array
+    couple: Couple
+    joints: Array
+    slope: Array
+    by_joint: Array
+    J: Array
 
 
 @inner
-def new_room(n: int) -> Room:
-    """Scratch for a chain of n joints."""
+def new_room(arm: Arm, couple: Couple) -> Room:
+    """Scratch for an arm of m joints and n variables."""
+    n, m = arm.bounds.shape[1], arm.frames.shape[0] - 2
     rows = np.empty((MOST_CONTACTS + 12 + 2 * n, 2 * n + 3))
     vectors = np.empty(6), np.empty(9), rows, np.zeros(n), np.empty(n)
-    return Room(scratch(n), room(), *vectors)
+    own = scratch(n)
+    work = Work(
+        np.empty((m + 2, 12)), own.J, own.e, own.A, own.y, own.step, own.trial, own.gradient, own.newton, own.H,
+        own.column,
+    )  # fmt: skip
+    return Room(work, room(), *vectors, couple, np.empty(m), np.empty(m), np.empty(m), np.empty((6, m)))
+
+
+@inner
+def stand(arm: Arm, q: Array, space: Room) -> None:
+    """Frames at q (n,), into work.T."""
+    if space.couple.variable.shape[0] == 0:
+        forward(arm.frames, q, space.work.T)
+    else:
+        follow(space.couple, q, space.joints, space.slope)
+        forward(arm.frames, space.joints, space.work.T)
+
+
+@inner
+def contact_rates(arm: Arm, c: int, space: Room) -> None:
+    """Gradient of contact c's gap by the variables, into work.column (n,)."""
+    work = space.work
+    if space.couple.variable.shape[0] == 0:
+        contact_row(arm.frames, work.T, space.contacts.rows, c, work.column)
+    else:
+        contact_row(arm.frames, work.T, space.contacts.rows, c, space.by_joint)
+        gather(space.couple, space.slope, space.by_joint, work.column)
 
 
 @inner
@@ -83,7 +120,12 @@ def rates(arm: Arm, target: Array, tool_axes: bool, space: Room) -> None:
     """Rates of the coordinates, into work.J (6, n); rotations weighted by `ROTATION_WEIGHT`, as x will be."""
     work, turn = space.work, space.turn
     J = work.J
-    jacobian(arm.frames, work.T, J)
+    if space.couple.variable.shape[0] == 0:
+        jacobian(arm.frames, work.T, J)
+    else:
+        jacobian(arm.frames, work.T, space.J)
+        for r in range(6):
+            gather(space.couple, space.slope, space.J[r], J[r])
     for k in range(J.shape[1]):
         for part in range(2):
             a, b, c = J[3 * part, k], J[3 * part + 1, k], J[3 * part + 2, k]
@@ -108,7 +150,7 @@ def look(
 ) -> tuple[float, float]:
     """Frames, coordinates and contacts at q (n,); returns the error beyond the tolerance (metres) and the clearance."""
     work = space.work
-    forward(arm.frames, q, work.T)
+    stand(arm, q, space)
     coordinates(work.T, target, box[6] != 0.0, space.x, space.turn)
     gap = collect(world, work.T, margin, -HUGE, space.contacts)
     square = 0.0

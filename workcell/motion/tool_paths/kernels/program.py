@@ -17,10 +17,9 @@ from workcell.jit import inner
 from workcell.kernels.chain import Arm
 from workcell.kernels.cholesky import factor6, gram, solve6
 from workcell.kernels.constants import ROTATION_WEIGHT
-from workcell.kernels.contacts import contact_row
 from workcell.kernels.null_space_qp import DEEPEST, LOOK_AHEAD, hildreth, project
 from workcell.kernels.structures import World
-from workcell.motion.tool_paths.kernels.coordinates import Room, rates
+from workcell.motion.tool_paths.kernels.coordinates import Room, contact_rates, rates
 from workcell.pose import Array
 
 SWEEPS = 40
@@ -49,7 +48,7 @@ def _collect_rows(arm: Arm, world: World, box: Array, low: Array, high: Array, q
     for c in range(int(space.contacts.used[0])):
         gap = space.contacts.rows[c, 0]
         if gap < required + LOOK_AHEAD:
-            contact_row(arm.frames, work.T, space.contacts.rows, c, work.column)
+            contact_rates(arm, c, space)
             for k in range(n):
                 rows[m, k] = work.column[k]
             m = _inequality(n, m, min(required + WANTED - gap, DEEPEST), rows)

@@ -11,12 +11,20 @@ from typing import NamedTuple
 import numpy as np
 
 from workcell.jit import inner, kernel
-from workcell.kernels.chain import Arm, forward
+from workcell.kernels.chain import Arm
 from workcell.kernels.constants import HUGE
-from workcell.kernels.contacts import contact_row
+from workcell.kernels.coupling import Couple
 from workcell.kernels.null_space_qp import LOOK_AHEAD
 from workcell.kernels.structures import World
-from workcell.motion.tool_paths.kernels.coordinates import Room, coordinates, look, new_room, rates
+from workcell.motion.tool_paths.kernels.coordinates import (
+    Room,
+    contact_rates,
+    coordinates,
+    look,
+    new_room,
+    rates,
+    stand,
+)
 from workcell.motion.tool_paths.kernels.program import equalities, program
 from workcell.pose import Array
 
@@ -46,7 +54,7 @@ class Aside(NamedTuple):
 def volume(arm: Arm, target: Array, box: Array, q: Array, space: Room) -> float:
     """Logarithm of the manipulability of the coordinates without tolerance at q (n,): of sqrt(det(J J^T))."""
     work = space.work
-    forward(arm.frames, q, work.T)
+    stand(arm, q, space)
     coordinates(work.T, target, box[6] != 0.0, space.x, space.turn)
     rates(arm, target, box[6] != 0.0, space)
     if not equalities(box, space):
@@ -77,7 +85,7 @@ def _wish(
     if aside.obstacles > 0.0:
         look(arm, world, target, box, world.required + aside.distance, q, space)
         for c in range(int(space.contacts.used[0])):
-            contact_row(arm.frames, space.work.T, space.contacts.rows, c, space.work.column)
+            contact_rates(arm, c, space)
             short = 1.0 - (space.contacts.rows[c, 0] - world.required) / aside.distance
             for k in range(n):
                 wish[k] += aside.obstacles * short * space.work.column[k]
@@ -138,12 +146,13 @@ def _settle(
 
 @kernel
 def track(
-    arm: Arm, world: World, targets: Array, box: Array, max_step: Array, accuracy: float, aside: Aside, start: Array,
-    out: Array, report: Array
+    arm: Arm, couple: Couple, world: World, targets: Array, box: Array, max_step: Array, accuracy: float, aside: Aside,
+    start: Array, out: Array, report: Array
 ) -> int:  # fmt: skip
     """From `start` (n,) through the targets (k, 12), each within `max_step` (n,) of the one before.
 
     Args:
+        arm, couple: frames of the m joints, bounds of the n variables, how those follow from these (empty: n = m).
         targets: frames of the tool in the world: rotation (9, row-major), position (3).
         box: (7,) tolerance of each coordinate (0: none, inf: free), and 1 where it is in the target's axes, else 0.
         accuracy: metres of error that count as none; a radian weighs `ROTATION_WEIGHT`.
@@ -153,7 +162,7 @@ def track(
         how many targets were reached; the next one's row of `out` has the best that was found.
     """
     n = start.shape[0]
-    space = new_room(n)
+    space = new_room(arm, couple)
     low, high, q = np.empty(n), np.empty(n), np.empty(n)
     for i in range(targets.shape[0]):
         for k in range(n):
@@ -173,17 +182,17 @@ def track(
 
 @kernel
 def move(
-    arm: Arm, world: World, target: Array, box: Array, max_step: Array, accuracy: float, starts: Array, wishes: Array,
-    out: Array, report: Array
+    arm: Arm, couple: Couple, world: World, target: Array, box: Array, max_step: Array, accuracy: float, starts: Array,
+    wishes: Array, out: Array, report: Array
 ) -> None:  # fmt: skip
     """From each of the starts (k, n) to one target (12,), with the part of a wish (k, n) that leaves the tool there.
 
     Args:
-        target, box, max_step, accuracy: as of `track`.
+        arm, couple, target, box, max_step, accuracy: as of `track`.
         out: (k, n) configurations; report: (k, 2) code and clearance (metres).
     """
     n = starts.shape[1]
-    space = new_room(n)
+    space = new_room(arm, couple)
     low, high = np.empty(n), np.empty(n)
     for i in range(starts.shape[0]):
         q = out[i]
@@ -197,8 +206,8 @@ def move(
 
 
 @kernel
-def volumes(arm: Arm, targets: Array, box: Array, q: Array, out: Array) -> None:
+def volumes(arm: Arm, couple: Couple, targets: Array, box: Array, q: Array, out: Array) -> None:
     """Into out (k,): manipulability of the coordinates without tolerance at each q (k, n) and its target (k, 12)."""
-    space = new_room(q.shape[1])
+    space = new_room(arm, couple)
     for i in range(q.shape[0]):
         out[i] = math.exp(volume(arm, targets[i], box, q[i], space))

@@ -94,7 +94,7 @@ def test_a_tool_path_is_followed(tmp_path):
     robot, rng = world.robot.robot, np.random.default_rng(3)
     q = next(q for q in 0.5 * robot.random_configuration(rng, 100) if world.clearance(q).distance > 0.02)
     first = robot.fk(q)
-    last = Pose(first.position + [0.05, 0.05, -0.04], first.quat_wxyz)
+    last = Pose(first.position + np.array([0.05, 0.05, -0.04]), first.quat_wxyz)
     for found in (
         follow(world.problem(first), line(first, last), q, solver=step_solver("auto")),
         route(world.problem(first), line(first, last), q),

@@ -226,7 +226,7 @@ class CollisionModel:
     def torn(self, q_a: ArrayLike, q_b: ArrayLike) -> str:
         """Why passive loops can't go along on the straight line between two configurations; empty where they can."""
         loops = self.robot.loops
-        if loops is None or not loops.loops:
+        if loops is None or not (loops.loops or loops.limits):
             return ""
         (one, unclosed), (two, open_too) = self._placed(q_a), self._placed(q_b)
         return unclosed or open_too or loops.torn(one, two)

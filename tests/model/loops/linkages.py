@@ -69,13 +69,9 @@ def linked_gripper(rng):
           <geom name="crank_{side}" type="capsule" fromto="0 0 .01 0 0 {length - 0.01}" size=".004" mass=".02"/>
           <body name="finger_{side}" pos="0 0 {length}"><joint name="f_{side}" axis="1 0 0"/>
             <geom name="finger_{side}" type="box" size=".01 .004 .02" pos="0 0 .03" mass=".02"/></body></body>
-        <body name="rod_{side}" pos=".03 {y} 0"><joint name="r_{side}" axis="1 0 0"/>
+        <body name="rod_{side}" pos="0 {5 * y / 3} 0"><joint name="r_{side}" axis="1 0 0"/>
           <geom name="rod_{side}" type="capsule" fromto="0 0 .01 0 0 {length - 0.01}" size=".003" mass=".02"/></body>"""
         connects += f'<connect name="{side}" body1="rod_{side}" body2="finger_{side}" anchor="0 0 {length}"/>'
-    # a rod that is parallel in the plane of its crank, and as long, holds the finger upright
-    fingers = fingers.replace('pos=".03 0.03 0"', 'pos="0 0.05 0"').replace(
-        'pos=".03 -0.03 0"', 'pos="0 -0.05 0"'
-    )
     return f"""
 <mujoco><compiler angle="radian"/>
   <worldbody><body name="base"><geom name="foot" type="sphere" size=".02" pos="0 0 -.3"/>

@@ -12,6 +12,8 @@ from workcell.model.collision_model import CollisionModel
 from workcell.model.grip import fingers_at
 from workcell.model.loops.motion import LoopBounds
 from workcell.model.scene import Scene
+from workcell.motion.path import Path
+from workcell.motion.proofs.on_model import prove_path
 from workcell.world.planning_world import PlanningWorld
 
 
@@ -200,7 +202,7 @@ def test_a_grippers_linkages_close_with_its_fingers(tmp_path):
     assert {"rod_l", "finger_r"} <= {
         model.body(b).name for b in robot.link_body_ids[1]
     }  # they ride on the hand
-    for opening in (0.0, 0.3, 1.0):
+    for opening, angle in ((0.0, -0.6), (0.3, -0.42), (1.0, 0.0)):
         there = replace(robot, fingers=fingers_at(scene, robot, opening))
         moved = replace(scene, robots={robot.name: there})
         collision = CollisionModel(moved)
@@ -210,4 +212,36 @@ def test_a_grippers_linkages_close_with_its_fingers(tmp_path):
             assert demanded(model, qpos) < 1e-6
             assert qpos[model.joint("r_l").qposadr[0]] == pytest.approx(-crank, abs=1e-8)
             assert qpos[model.joint("f_l").qposadr[0]] == pytest.approx(crank, abs=1e-8)
-        assert crank == pytest.approx([-0.6, -0.42, 0.0][[0.0, 0.3, 1.0].index(opening)]) or opening
+        assert crank == pytest.approx(angle)
+
+
+LIMITED = {
+    "fixed": '<fixed name="rope" range="-1 .5"><joint joint="j1" coef="1"/><joint joint="j2" coef="-.5"/></fixed>',
+    "passive": '<fixed name="rope" range="-1 .5"><joint joint="pr" coef="1"/></fixed>',
+    "space": '<spatial name="rope" range="0 .5"><site site="tool"/><site site="here"/></spatial>',
+}
+
+
+def with_tendon(kind):
+    text = parallel_arm(np.random.default_rng(4), '<site name="here"/>')
+    return text.replace("<equality>", f"<tendon>{LIMITED[kind]}</tendon><equality>")
+
+
+def test_limits_of_fixed_tendons_hold(tmp_path):
+    scene = scene_of(tmp_path, with_tendon("fixed"))
+    world, rng = PlanningWorld.of(scene), np.random.default_rng(0)
+    reference = float(scene.model.qpos0[scene.model.joint("j2").qposadr[0]])
+    for q in scene.robot().robot.random_configuration(rng, 40):
+        length = q[0] - 0.5 * q[1]
+        reason = world.clearance(q).reason
+        assert ("tendon 'rope'" in reason) == (not -1 <= length <= 0.5), (q, length, reference, reason)
+    inside, outside = np.array([0.2, 0.0]), np.array([0.9, 0.2])
+    proof = prove_path(Path(world.robot.robot, [inside, outside]), world.clearance, world.cover)
+    assert not proof.proved and "tendon 'rope'" in proof.reason
+
+
+@pytest.mark.parametrize("kind", ["passive", "space"])
+def test_other_limited_tendons_are_refused_by_name(tmp_path, kind):
+    scene = scene_of(tmp_path, with_tendon(kind))
+    with pytest.raises(ModelError, match="the limits of tendon 'rope'"):
+        CollisionModel(scene)

@@ -14,7 +14,7 @@ from workcell.model.loading.actuators import actuated_joints
 from workcell.model.loading.couplings import leaders, locked_values
 from workcell.model.loading.subtrees import joints_of, subtree
 from workcell.model.loops.closing import TOLERANCE, LoopSystem
-from workcell.model.loops.elements import Element, loop_elements
+from workcell.model.loops.elements import Element, loop_elements, tendon_limits
 from workcell.model.loops.loops import Loop, Loops
 from workcell.pose import Array
 
@@ -58,6 +58,14 @@ def find_loops(model: mujoco.MjModel, bodies: Collection[int], driven: Sequence[
             refusals.append(f"{element.name} ties joints that are driven: {_names(model, moving)}")
         else:
             kept.append(element)
+    limits = []
+    for limit in tendon_limits(model):
+        if not mine.intersection(limit.joints):
+            continue
+        if limit.multiples is None or coupled.union(idle).intersection(limit.joints):
+            refusals.append(f"the limits of {limit.name}: only those over driven joints alone are supported")
+        else:
+            limits.append((limit, np.asarray(model.jnt_qposadr)[list(limit.joints)].astype(np.int64)))
     loops = [_loop(model, group, idle, held) for group in _groups(kept, set(idle))]
     for loop in loops:
         refusals += _constraints(model, loop, driven)
@@ -68,6 +76,7 @@ def find_loops(model: mujoco.MjModel, bodies: Collection[int], driven: Sequence[
     return Loops(
         outer,
         tuple(loop for loop, moves in zip(loops, carried, strict=True) if not moves),
+        tuple(limits),
         subtree(model, roots) if roots else frozenset(),
         tuple(_name(model, joint) for joint in idle if joint not in determined),
         tuple(refusals),

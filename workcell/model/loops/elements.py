@@ -145,27 +145,19 @@ def joints_to(model: mujoco.MjModel, body: int) -> list[int]:
 
 def _of_tendons(model: mujoco.MjModel, equality: int) -> Element:
     """A constraint on one tendon's length, or two tendons': of fixed tendons, a sum of multiples of joints."""
-    import mujoco
 
     tendons = [int(t) for t in (model.eq_obj1id[equality], model.eq_obj2id[equality]) if t >= 0]
     polynomial = np.array(model.eq_data[equality, :5])
     names = tuple(str(model.tendon(t).name) or f"tendon {t}" for t in tendons)
     name, sums = _name(model, equality, "tendon equality", names), dict[int, float]()
-    joints: set[int] = set()
-    fixed = True
+    through: set[int] = set()
     for tendon, sign in zip(tendons, (1.0, -float(polynomial[1])), strict=False):
-        first, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
-        for wrap in range(first, first + count):
-            target = int(model.wrap_objid[wrap])
-            if model.wrap_type[wrap] == mujoco.mjtWrap.mjWRAP_JOINT:
-                sums[target] = sums.get(target, 0.0) + sign * float(model.wrap_prm[wrap])
-                joints.add(target)
-            else:
-                fixed = False
-                if model.wrap_type[wrap] == mujoco.mjtWrap.mjWRAP_SITE:
-                    joints |= set(joints_to(model, int(model.site_bodyid[target])))
-    listed = tuple(sorted(joints))
-    if not fixed:
+        multiples_of, others = _wrapped(model, tendon)
+        through |= others
+        for joint, multiple in multiples_of.items():
+            sums[joint] = sums.get(joint, 0.0) + sign * multiple
+    listed = tuple(sorted({*sums, *through}))
+    if through:
         return Element(name, listed, unsupported="tendons through space")
     if len(tendons) > 1 and np.any(polynomial[2:]):
         return Element(name, listed, unsupported="tendons that follow each other by more than a multiple")
@@ -175,3 +167,49 @@ def _of_tendons(model: mujoco.MjModel, equality: int) -> Element:
     )
     multiples = np.array([sums[joint] for joint in listed])
     return Element(name, listed, multiples=multiples, total=total)
+
+
+@dataclass(frozen=True, slots=True)
+class TendonLimit:
+    """The limits of a tendon's length.
+
+    Attributes:
+        name: for messages.
+        joints: ids of the joints that it depends on.
+        multiples: (len(joints),) of a fixed tendon, whose length is a sum of multiples of joints; None: another one.
+        lower, upper: of its length.
+    """
+
+    name: str
+    joints: tuple[int, ...]
+    multiples: Array | None
+    lower: float
+    upper: float
+
+
+def tendon_limits(model: mujoco.MjModel) -> tuple[TendonLimit, ...]:
+    """The limits of all tendons that have some."""
+    found = []
+    for tendon in np.flatnonzero(model.tendon_limited):
+        sums, others = _wrapped(model, int(tendon))
+        joints = tuple(sorted({*sums, *others}))
+        multiples = None if others else np.array([sums[joint] for joint in joints])
+        low, high = map(float, model.tendon_range[tendon])
+        name = f"tendon {str(model.tendon(int(tendon)).name)!r}"
+        found.append(TendonLimit(name, joints, multiples, low, high))
+    return tuple(found)
+
+
+def _wrapped(model: mujoco.MjModel, tendon: int) -> tuple[dict[int, float], set[int]]:
+    """The multiples of joints that a tendon's length is, and the joints that move the sites that it runs through."""
+    import mujoco
+
+    sums, others = dict[int, float](), set[int]()
+    first = int(model.tendon_adr[tendon])
+    for wrap in range(first, first + int(model.tendon_num[tendon])):
+        target = int(model.wrap_objid[wrap])
+        if model.wrap_type[wrap] == mujoco.mjtWrap.mjWRAP_JOINT:
+            sums[target] = sums.get(target, 0.0) + float(model.wrap_prm[wrap])
+        elif model.wrap_type[wrap] == mujoco.mjtWrap.mjWRAP_SITE:
+            others |= set(joints_to(model, int(model.site_bodyid[target])))
+    return sums, others

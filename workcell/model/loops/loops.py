@@ -10,8 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.model.loops.closing import TOLERANCE, LoopSystem
+from workcell.model.loops.elements import TendonLimit
 from workcell.model.robot import LIMIT_SLACK
 from workcell.pose import Array
 
@@ -47,6 +49,7 @@ class Loops:
     Attributes:
         loops: those that elements of the model determine, by driven joints among others.
         inner: those that are determined without driven joints, such as a gripper's linkages, by its fingers.
+        limits: of fixed tendons over driven joints, with the addresses of those in qpos.
         bodies: ids of the bodies that the passive joints of `loops` move.
         undetermined: names of the joints that nothing drives and nothing determines: they stay where they begin.
         refusals: what can't be honoured, in words with the elements' names; empty where there is nothing.
@@ -54,6 +57,7 @@ class Loops:
 
     loops: tuple[Loop, ...]
     inner: tuple[Loop, ...]
+    limits: tuple[tuple[TendonLimit, NDArray[np.int64]], ...]
     bodies: frozenset[int]
     undetermined: tuple[str, ...]
     refusals: tuple[str, ...]
@@ -74,7 +78,15 @@ class Loops:
         Returns:
             why that is no configuration of the mechanism, in words; empty where it is one.
         """
-        return _closed(self.loops, qpos)
+        reasons = [_closed(self.loops, qpos)]
+        for limit, addresses in self.limits:
+            assert limit.multiples is not None
+            length = float(limit.multiples @ qpos[addresses])
+            if not limit.lower - LIMIT_SLACK <= length <= limit.upper + LIMIT_SLACK:
+                reasons.append(
+                    f"{limit.name} is {length:.6g} long, outside [{limit.lower:.6g}, {limit.upper:.6g}]"
+                )
+        return "; ".join(filter(None, reasons))
 
     def settle(self, qpos: Array) -> str:
         """The same for the loops that no driven joint moves."""

@@ -6,6 +6,7 @@ import errno
 import json
 import math
 import os
+import stat
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -59,7 +60,7 @@ def replaceable(path: Path) -> Path:
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "a device or a pipe stands there, not a plain file")
-    return path.resolve() if path.is_symlink() else path
+    return resolved(path) if path.is_symlink() else path
 
 
 def regular_bytes(path: Path) -> bytes:
@@ -68,14 +69,51 @@ def regular_bytes(path: Path) -> bytes:
     Raises:
         OSError: it can't be read, or a folder, a device or a pipe stands there, which might never end.
     """
-    import stat
-
     # opened without waiting, so that a pipe that nobody writes to doesn't hold us up
-    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
-    with os.fdopen(handle, "rb") as file:
-        if not stat.S_ISREG(os.fstat(handle).st_mode):
-            raise OSError(errno.EINVAL, "a device or a pipe stands there, not a plain file")
-        return file.read()
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
+    try:
+        handle = os.open(path, flags)
+    except ValueError:
+        raise OSError(errno.EINVAL, "no file can have this name") from None
+    try:
+        if not stat.S_ISREG(mode := os.fstat(handle).st_mode):
+            kind = "a folder" if stat.S_ISDIR(mode) else "a device or a pipe"
+            raise OSError(errno.EINVAL, f"{kind} stands there, not a plain file")
+        with os.fdopen(handle, "rb", closefd=False) as file:
+            return file.read()
+    finally:
+        os.close(handle)
+
+
+def regular_text(path: Path) -> str:
+    """The text of a plain file in UTF-8, without the mark that some editors put first, its lines ended by newlines.
+
+    Raises:
+        OSError: as `regular_bytes`. UnicodeDecodeError: it is not such a text.
+    """
+    return regular_bytes(path).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+
+
+def resolved(path: Path) -> Path:
+    """The absolute path, links followed.
+
+    Raises:
+        OSError: its links lead in a circle, or no file can have this name.
+    """
+    try:
+        return path.resolve()
+    except ValueError:
+        raise OSError(errno.EINVAL, "no file can have this name") from None
+    except RuntimeError:
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(path)) from None
+
+
+def expanded(path: Path) -> Path:
+    """The path with a leading `~` as somebody's home; as it stands where nobody is of that name."""
+    try:
+        return path.expanduser()
+    except RuntimeError:
+        return path
 
 
 def check_writable(path: str | Path) -> None:

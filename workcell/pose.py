@@ -147,7 +147,8 @@ class Pose:
     def __post_init__(self) -> None:
         position = _vector(self.position, 3, "position")
         quat = _vector(self.quat_wxyz, 4, "quat_wxyz")
-        norm = float(np.linalg.norm(quat))
+        with np.errstate(over="ignore"):  # what overflows is refused
+            norm = float(np.linalg.norm(quat))
         if abs(norm - 1.0) > _QUAT_NORM_TOLERANCE:
             raise InputError(
                 f"the quaternion {quat.tolist()} has length {norm:.6g}",

@@ -8,5 +8,7 @@ BAD_INPUT = 2
 """Bad usage or bad input, with one clear message."""
 IMPOSSIBLE = 3
 """Proved impossible (`ik`, `run`)."""
+UNFORESEEN = 70
+"""Something that nobody foresaw: the details are in a file, to be reported."""
 INTERRUPTED = 130
 """Interrupted by the user."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -9,13 +11,22 @@ from pathlib import Path
 from typing import NoReturn
 
 from workcell.cli import exit_codes
+from workcell.cli.last_resort import unforeseen
+from workcell.cli.output import printable
 from workcell.cli.parser import build_parser
+from workcell.cli.supervised import supervised
 from workcell.errors import WorkcellError
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
-    """Run the command line; always ends in SystemExit with one of `exit_codes`."""
+    """Run the command line; always ends in SystemExit with one of `exit_codes`.
+
+    Args:
+        arguments: the command's own; None: those of this process, which is then supervised (`workcell.cli.supervised`).
+    """
     _open_streams()
+    if arguments is None:
+        supervised()
     try:
         options = build_parser().parse_args(arguments)
         os.environ.setdefault("MUJOCO_GL", _headless_backend())
@@ -31,6 +42,11 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         code = exit_codes.DONE
     except OSError as error:
         code = _complain(_os_error(error), exit_codes.BAD_INPUT)
+    except MemoryError:
+        code = _complain("there is not enough memory for this", exit_codes.BAD_INPUT)
+    except Exception as error:
+        given = sys.argv[1:] if arguments is None else arguments
+        code = _complain(unforeseen(error, given), exit_codes.UNFORESEEN)
     raise SystemExit(code)
 
 
@@ -41,10 +57,14 @@ def _open_streams() -> None:
             while os.open(os.devnull, os.O_RDWR) < descriptor:
                 pass  # the lowest free one is taken each time
             setattr(sys, name, Path(os.devnull).open("r" if name == "stdin" else "w", encoding="utf-8"))  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # names in files may hold what no terminal can show
 
 
 def _complain(message: str, code: int) -> int:
-    print(f"workcell: {message}", file=sys.stderr)
+    with contextlib.suppress(OSError, ValueError):  # nobody may be listening
+        print(f"workcell: {printable(message)}", file=sys.stderr, flush=True)
     return code
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from workcell.cli import exit_codes
-from workcell.cli.output import check_outputs, print_json, print_table, progress_bar
+from workcell.cli.output import check_outputs, print_json, print_table, progress_bar, tell
 from workcell.errors import UnknownNameError
 
 if TYPE_CHECKING:
@@ -69,12 +69,12 @@ def check(options: argparse.Namespace) -> int:
     if options.json:
         print_json(contents)
     else:
-        print(f"{contents['file']}: {contents['kind']}")
+        tell(f"{contents['file']}: {contents['kind']}")
         for line in contents["contents"]:
-            print(f"  {line}")
+            tell(f"  {line}")
         for line in problems:
-            print(f"  WRONG  {line}")
-        print("nothing wrong" if not problems else f"{len(problems)} thing(s) wrong")
+            tell(f"  WRONG  {line}")
+        tell("nothing wrong" if not problems else f"{len(problems)} thing(s) wrong")
     return exit_codes.DONE if not problems else exit_codes.BAD_INPUT
 
 
@@ -240,7 +240,7 @@ def decompose(options: argparse.Namespace) -> int:
         print_table(f"Decomposition of {scene.name}", ["metric", "value"], rows)
         for path in (options.out, options.png, options.rrd, options.table):
             if path:
-                print(f"wrote {path}")
+                tell(f"wrote {path}")
     return exit_codes.DONE
 
 

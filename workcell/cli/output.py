@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import unicodedata
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,10 +13,39 @@ from typing import TYPE_CHECKING, Any
 from workcell.errors import InputError
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import Console, ConsoleOptions, RenderableType
 
 _PIPE_WIDTH = 1000
 """Columns where no terminal sets them: another program reads whole lines."""
+
+
+def printable(text: str, *, keep: str = "\n\t") -> str:
+    """Text for a terminal: control characters, which could move its cursor or colour it, as escapes.
+
+    Args:
+        text: may hold names out of files.
+        keep: control characters that may stay.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        letter if letter.isprintable() or letter in keep or not _controls(letter) else _escaped(letter)
+        for letter in text
+    )
+
+
+def _controls(letter: str) -> bool:
+    """Control, surrogate and direction-changing characters."""
+    return unicodedata.category(letter) in ("Cc", "Cf", "Cs", "Zl", "Zp")
+
+
+def _escaped(letter: str) -> str:
+    return letter.encode("unicode_escape", "surrogatepass").decode("ascii")
+
+
+def tell(line: str, *, flush: bool = False) -> None:
+    """A line on standard output, printable whatever names it holds."""
+    print(printable(line), flush=flush)
 
 
 def print_json(value: object) -> None:
@@ -31,27 +61,34 @@ def check_outputs(outputs: Iterable[str | Path | None], inputs: Iterable[str | P
     Raises:
         OutputError: a file can't be written there; InputError: it would overwrite what is read, or another one.
     """
-    from workcell.files import check_writable
+    from workcell.files import check_writable, resolved
 
-    taken = [Path(name).resolve() for name in inputs if name and Path(name).is_file()]
+    taken = [resolved(Path(name)) for name in inputs if name and Path(name).is_file()]
     for path in [Path(name) for name in outputs if name]:
-        if path.resolve() in taken:
+        if resolved(path) in taken:
             raise InputError(
                 "the output would overwrite what this command reads or writes",
                 where=path,
                 remedy="another name",
             )
         check_writable(path)
-        taken.append(path.resolve())
+        taken.append(resolved(path))
 
 
 def console() -> Console:
     """Standard output: as wide as the terminal (or COLUMNS), without folding lines in a pipe."""
     from rich.console import Console
+    from rich.segment import Segment
 
     class Screen(Console):
         def on_broken_pipe(self) -> None:
             raise BrokenPipeError  # rich would end the command as if it had failed
+
+        def render(
+            self, renderable: RenderableType, options: ConsoleOptions | None = None
+        ) -> Iterable[Segment]:
+            for part in super().render(renderable, options):
+                yield part if part.control else Segment(printable(part.text), part.style)
 
     screen = Screen()
     return screen if screen.is_terminal or "COLUMNS" in os.environ else Screen(width=_PIPE_WIDTH)
@@ -61,6 +98,7 @@ def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[objec
     """A table under its title; numbers to the right."""
     from rich import box
     from rich.table import Table
+    from rich.text import Text
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     listed = [list(row) for row in rows]
@@ -70,9 +108,9 @@ def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[objec
         )
         table.add_column(name, justify="right" if numeric else "left", overflow="fold")
     for row in listed:
-        table.add_row(*(_cell(value) for value in row))
+        table.add_row(*(Text(printable(_cell(value), keep="")) for value in row))
     screen = console()
-    screen.print(title, style="italic", markup=False, highlight=False)
+    screen.print(printable(title, keep=""), style="italic", markup=False, highlight=False)
     screen.print(table)
 
 

@@ -10,7 +10,8 @@ from workcell.cli.solving_grammar import add_bench, add_solving
 from workcell.ik.registry import planner_names
 
 _EXIT_CODES = """\
-exit codes: 0 done and achieved; 1 ran, but not achieved; 2 bad input; 3 proved impossible; 130 interrupted"""
+exit codes: 0 done and achieved; 1 ran, but not achieved; 2 bad input; 3 proved impossible; \
+70 unforeseen, with a file to report; 130 interrupted"""
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from workcell.cli import exit_codes
-from workcell.cli.output import check_outputs, print_json, print_table, progress_bar
+from workcell.cli.output import check_outputs, print_json, print_table, progress_bar, tell
 from workcell.compile_ahead import SAMPLING, compile_ahead
 
 
@@ -41,5 +41,5 @@ def plan(options: argparse.Namespace) -> int:
     else:
         print_table(Path(options.set).name, ["", "value"], summary.rows())
         if out:
-            print(f"wrote {out}")
+            tell(f"wrote {out}")
     return exit_codes.DONE

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from workcell.cli import exit_codes
-from workcell.cli.output import check_outputs, console, print_json, print_table
+from workcell.cli.output import check_outputs, console, print_json, print_table, tell
 
 if TYPE_CHECKING:
     from workcell.record.read.review import Review
@@ -40,16 +40,16 @@ def run(options: argparse.Namespace) -> int:
         ]
         rows += [(name, "yes" if holds else "NO") for name, holds in conditions.items()]
         print_table(f"{result.summary['task']}: {result.sentence}", ["", "value"], rows)
-        print(f"recording {result.recording}")
-        print(f"summary   {result.summary_path}")
-        print(f"look at it: workcell review {result.recording} --png {result.recording.parent}")
+        tell(f"recording {result.recording}")
+        tell(f"summary   {result.summary_path}")
+        tell(f"look at it: workcell review {result.recording} --png {result.recording.parent}")
     if result.achieved:
         return exit_codes.DONE
     return exit_codes.IMPOSSIBLE if result.impossible else exit_codes.NOT_ACHIEVED
 
 
 def _say(text: str) -> None:
-    print(text, flush=True)
+    tell(text, flush=True)
 
 
 def review(options: argparse.Namespace) -> int:
@@ -73,7 +73,7 @@ def review(options: argparse.Namespace) -> int:
     else:
         console().print(review_table(result))
         for path in written:
-            print(f"wrote {path}")
+            tell(f"wrote {path}")
     return exit_codes.DONE if result.achieved else exit_codes.NOT_ACHIEVED
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workcell.cli import exit_codes
-from workcell.cli.output import check_outputs, print_json, print_table, progress_bar
+from workcell.cli.output import check_outputs, print_json, print_table, progress_bar, tell
 from workcell.compile_ahead import DECIDING, compile_ahead
 from workcell.errors import InputError, UnknownNameError
 from workcell.ik.problem import Budget, IKProblem
@@ -39,7 +39,7 @@ def ik(options: argparse.Namespace) -> int:
     else:
         _tell(problem, result)
         if why is not None:
-            print(f"  why: {why.sentence}")
+            tell(f"  why: {why.sentence}")
     if result.solved:
         return exit_codes.DONE
     return exit_codes.IMPOSSIBLE if result.status.is_impossible else exit_codes.NOT_ACHIEVED
@@ -98,21 +98,21 @@ def _result_json(problem: IKProblem, result: IKResult) -> dict[str, Any]:
 
 
 def _tell(problem: IKProblem, result: IKResult) -> None:
-    print(f"{result.status.value}: {result.sentence}")
+    tell(f"{result.status.value}: {result.sentence}")
     if result.q is not None:
         for name, value in zip(problem.robot.joint_names, result.q, strict=True):
-            print(f"  {name:<20s} {value:+.6f}")
-        print(
+            tell(f"  {name:<20s} {value:+.6f}")
+        tell(
             f"  position error {1e3 * result.position_error:.2e} mm, rotation error {result.rotation_error:.2e} rad"
         )
         if any(result.clearance.pair):
             first, second = result.clearance.pair
-            print(f"  clearance {1e3 * result.clearance.distance:.1f} mm, between {first} and {second}")
+            tell(f"  clearance {1e3 * result.clearance.distance:.1f} mm, between {first} and {second}")
     if result.certificate is not None:
-        print(f"  proof ({result.certificate.kind}): {result.certificate.statement}")
+        tell(f"  proof ({result.certificate.kind}): {result.certificate.statement}")
     for reason in result.rejected[:5]:
-        print(f"  rejected: {reason}")
-    print(f"  solver {result.solver}, {1e3 * result.stats.get('cpu_s', float('nan')):.1f} ms CPU")
+        tell(f"  rejected: {reason}")
+    tell(f"  solver {result.solver}, {1e3 * result.stats.get('cpu_s', float('nan')):.1f} ms CPU")
 
 
 def solve(options: argparse.Namespace) -> int:
@@ -141,7 +141,7 @@ def solve(options: argparse.Namespace) -> int:
     else:
         print_table(f"{Path(options.set).name}, solver {options.solver}", ["", "value"], summary.rows())
         if out:
-            print(f"wrote {out}")
+            tell(f"wrote {out}")
     return exit_codes.DONE
 
 

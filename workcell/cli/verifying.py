@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from workcell.cli import exit_codes
-from workcell.cli.output import print_json, print_table, progress_bar
+from workcell.cli.output import print_json, print_table, progress_bar, tell
 from workcell.errors import InputError
 
 if TYPE_CHECKING:
@@ -48,9 +48,9 @@ def verify(options: argparse.Namespace) -> int:
     else:
         print_table(f"{Path(options.answers).name}", ["", "value"], report.rows())
         for line in report.refused[:20]:
-            print(f"refused: {line}")
+            tell(f"refused: {line}")
         if len(report.refused) > 20:
-            print(f"... and {len(report.refused) - 20} more (all of them with --json)")
+            tell(f"... and {len(report.refused) - 20} more (all of them with --json)")
     return exit_codes.NOT_ACHIEVED if report.refused else exit_codes.DONE
 
 
@@ -84,7 +84,7 @@ def _explain(options: argparse.Namespace) -> int:
         for label, words in told[:_MOST_SHOWN]:
             _show(label, words)
         if len(told) > _MOST_SHOWN:
-            print(f"... and {len(told) - _MOST_SHOWN} more (all of them with --json)")
+            tell(f"... and {len(told) - _MOST_SHOWN} more (all of them with --json)")
     refused = any(words.refusal is not None for _, words in told)
     return exit_codes.NOT_ACHIEVED if refused else exit_codes.DONE
 
@@ -126,6 +126,6 @@ def _owner(problem_set: ProblemSet | None, label: str, certificate: Certificate)
 
 
 def _show(label: str, words: ProofInWords) -> None:
-    print(f"{label + ': ' if label else ''}a proof of kind {ascii(words.kind)[1:-1]}, for {words.status}")
+    tell(f"{label + ': ' if label else ''}a proof of kind {ascii(words.kind)[1:-1]}, for {words.status}")
     for what, text in words.lines:
-        print(textwrap.fill(text, _WIDTH, initial_indent=f"  {what:<12}", subsequent_indent=" " * 14))
+        tell(textwrap.fill(text, _WIDTH, initial_indent=f"  {what:<12}", subsequent_indent=" " * 14))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from typing import Literal, Protocol, get_args
@@ -21,6 +22,10 @@ Goal = Literal["pose", "position", "axis"]
 axis."""
 
 
+FARTHEST = 1e6
+"""Metres or radians beyond which a number can only be a mistake, and arithmetic loses digits."""
+
+
 @dataclass(frozen=True, slots=True)
 class Tolerances:
     """When a configuration reaches its target: metres, radians, and the clearance it must keep (metres)."""
@@ -30,9 +35,12 @@ class Tolerances:
     safety_margin: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (self.position > 0 and self.rotation > 0 and 0 <= self.safety_margin < np.inf):
+        tolerances = self.position, self.rotation
+        if not (all(0 < value <= FARTHEST for value in tolerances) and 0 <= self.safety_margin <= FARTHEST):
             raise InputError(
-                "tolerances must be positive and the safety margin finite, zero or more", where="tolerances"
+                "tolerances must be positive and the safety margin zero or more, "
+                f"none of them above {FARTHEST:g}",
+                where="tolerances",
             )
 
 
@@ -52,7 +60,7 @@ class Budget:
     iterations: int | None = None
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.cpu_s) and self.cpu_s >= 0):
+        if not 0 <= self.cpu_s <= sys.float_info.max:  # whole numbers may be larger than any float
             raise InputError(
                 f"a budget of {self.cpu_s} s makes no sense", where="budget", remedy="a finite number >= 0"
             )
@@ -173,6 +181,12 @@ class IKProblem:
         if self.goal not in get_args(Goal):
             raise InputError(f"unknown goal {self.goal!r}", where="goal", remedy=", ".join(get_args(Goal)))
         self._check_pairs()
+        if np.abs(self.target.position).max() > FARTHEST:
+            raise InputError(
+                f"the target is at {self.target.position.tolist()}",
+                where="target",
+                remedy=f"metres, of at most {FARTHEST:g} each",
+            )
         if not self.robot.is_serial:
             raise InputError(
                 f"{self.robot.name} is a tree",

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from workcell.errors import InputError, OutputError
+from workcell.files import regular_text
 from workcell.ik.certificate import Certificate
 from workcell.ik.result import IKResult, Status
 
@@ -97,7 +98,7 @@ def parse_answer(document: Any, folder: Path) -> Answer:
         raise InputError(f"{identity}: unknown status {name!r}", remedy=", ".join(known))
     certificate = _certificate(document.get("certificate"), folder)
     cpu = document.get("cpu_s", document.get("time_s"))
-    cpu_s = float(cpu) if isinstance(cpu, int | float) else math.nan
+    cpu_s = float(cpu) if isinstance(cpu, int | float) and abs(cpu) < 1e300 else math.nan
     return Answer(identity, Status(name), q, certificate, cpu_s)
 
 
@@ -122,11 +123,9 @@ def read_certificate(path: Path) -> Certificate:
         InputError: it is no plain file, too large, or not a certificate.
     """
     try:
-        if not path.is_file():
-            raise InputError("the certificate file can't be read: there is no plain file", where=path)
         if path.stat().st_size > LARGEST_FILE:
             raise InputError(f"the certificate file is larger than {LARGEST_FILE >> 20} MB", where=path)
-        text = path.read_text(encoding="utf-8")
+        text = regular_text(path)
     except (OSError, UnicodeError, ValueError) as error:
         raise InputError(f"the certificate file can't be read: {error}", where=path) from None
     return Certificate.from_json(text, str(path))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from workcell.errors import InputError
-from workcell.files import parse_json
+from workcell.files import parse_json, regular_text
 from workcell.sets.problems import NamedProblem, ProblemSet
 
 
@@ -48,7 +48,7 @@ def read_lines(file: Path) -> Iterator[Line]:
         InputError: the file can't be read, or is not text. A line that is no JSON comes with its fault.
     """
     try:
-        texts = file.read_text(encoding="utf-8").splitlines()
+        texts = regular_text(file).split("\n")
     except OSError as error:
         raise InputError(f"can't be read: {error.strerror}", where=file) from None
     except UnicodeDecodeError:

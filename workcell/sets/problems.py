@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from workcell.errors import InputError
+from workcell.files import parse_json, regular_text
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.problem import IKProblem
 from workcell.model.robot import LIMIT_SLACK, Robot, serial_robot
@@ -27,6 +28,9 @@ _UNIT_TOLERANCE = 1e-6
 
 _LARGEST = 1e6
 """Metres or radians beyond which a number can only be a mistake (and arithmetic loses digits)."""
+
+_LONGEST = 1000
+"""Characters of a name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +92,7 @@ def parse_problem_set(document: Any, where: str = "problem set") -> ProblemSet:
 
 def _read_json(path: Path) -> Any:
     try:
-        text = path.read_text(encoding="utf-8")
+        text = regular_text(path)
     except OSError as error:
         raise InputError(f"can't be read: {error.strerror}", where=path) from None
     except UnicodeDecodeError:
@@ -96,15 +100,13 @@ def _read_json(path: Path) -> Any:
             "is not a text file", where=path, remedy=f"a JSON file of format {FORMAT!r}"
         ) from None
     try:
-        return json.loads(text)
+        return parse_json(text)
     except json.JSONDecodeError as error:
         raise InputError(
             f"is not JSON: {error.msg}", where=f"{path}, line {error.lineno}, column {error.colno}"
         ) from None
-    except ValueError:
-        raise InputError("holds a number of too many digits", where=path) from None
-    except RecursionError:
-        raise InputError("is nested too deeply", where=path) from None
+    except ValueError as error:
+        raise InputError(str(error), where=path) from None
 
 
 def _robot(element: _Element) -> tuple[Robot, SphereCover]:
@@ -227,6 +229,11 @@ class _Element:
     def text(self) -> str:
         if not isinstance(self.value, str) or not self.value:
             raise self.error(f"expected a name, found {_describe(self.value)}", "a non-empty string")
+        if len(self.value) > _LONGEST or any("\ud800" <= letter <= "\udfff" for letter in self.value):
+            raise self.error(
+                f"the name {_describe(self.value)} is too long or holds half of a character",
+                f"up to {_LONGEST} characters, each of them whole",
+            )
         return self.value
 
     def number(self) -> float:

@@ -53,7 +53,9 @@ def load_script(task_file: Path) -> Script:
         ) from None
     except ImportError as error:
         raise ModelError(f"this script can't import what it needs: {error}", where=path) from None
-    except Exception as error:
+    except (KeyboardInterrupt, WorkcellError):
+        raise
+    except BaseException as error:  # SystemExit too: a script doesn't end the command
         raise _script_error(error, path) from error
     script = getattr(module, "run", None)
     if not callable(script):
@@ -69,13 +71,14 @@ def run_script(script: Script, job: object) -> None:
     """
     try:
         script(job)
-    except (WorkcellError, TaskFailedError):
+    except (WorkcellError, TaskFailedError, KeyboardInterrupt):
         raise
-    except Exception as error:
-        raise _script_error(error, Path(script.__code__.co_filename)) from error
+    except BaseException as error:
+        code = getattr(script, "__code__", None)
+        raise _script_error(error, Path("script" if code is None else code.co_filename)) from error
 
 
-def _script_error(error: Exception, path: Path) -> ScriptError:
+def _script_error(error: BaseException, path: Path) -> ScriptError:
     """The script's own line is the last one of its file on the way to the error."""
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
     line = f":{frames[-1].lineno}" if frames else ""

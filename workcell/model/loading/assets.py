@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from workcell.errors import ModelError, UnknownNameError
+from workcell.files import expanded
 
 AssetKind = Literal["robots", "objects", "cells"]
 
@@ -51,7 +52,7 @@ def find_asset(
     """
     text = str(name)
     if is_path(text):
-        path = Path(text).expanduser()
+        path = expanded(Path(text))
         path = path if path.is_absolute() or relative_to is None else relative_to / path
         if not path.is_file():
             raise ModelError(
@@ -79,7 +80,7 @@ def find_task(name: str | Path) -> Path:
     """
     text = str(name)
     if text.endswith((".toml", ".py")) or "/" in text:
-        path = Path(text).expanduser().with_suffix(".toml")
+        path = expanded(Path(text)).with_suffix(".toml")
         if not path.is_file():
             raise ModelError(
                 "this is a folder, not a task file" if path.is_dir() else "there is no such task file",

@@ -70,6 +70,8 @@ def load_spec(
         raise ModelError(
             "this is not a text file", where=path, remedy="an MJCF or URDF file is one"
         ) from None
+    except ElementTree.ParseError as error:
+        raise ModelError(f"this is not XML: {error}", where=path) from None
     except (ValueError, OSError, mujoco.FatalError) as error:
         raise ModelError(
             f"MuJoCo can't read this file: {_one_line(error)}", where=path, remedy="mend the file"

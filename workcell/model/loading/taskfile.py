@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import tomllib
 from collections.abc import Mapping
@@ -13,9 +12,13 @@ from typing import Any
 import numpy as np
 
 from workcell.errors import InputError, ModelError, UnknownNameError
+from workcell.files import regular_text
 from workcell.pose import Pose
 
 FORMAT = "workcell-task/1"
+
+_LARGEST = 1e6
+"""Metres or radians beyond which a number can only be a mistake (and arithmetic loses digits)."""
 
 _NAME = re.compile(r"\w[\w.-]*")
 
@@ -74,13 +77,17 @@ class TaskFile:
 def read_task_file(path: Path) -> TaskFile:
     """Parse and validate; raises ModelError naming the file and the key."""
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = tomllib.loads(regular_text(path))
     except OSError as error:
         raise ModelError(f"can't read this file: {error.strerror}", where=path) from None
     except UnicodeDecodeError:
         raise ModelError("this is not a text file", where=path, remedy="a TOML file, in UTF-8") from None
     except tomllib.TOMLDecodeError as error:
         raise ModelError(f"this is not valid TOML: {error}", where=path) from None
+    except ValueError:
+        raise ModelError("this holds a number of too many digits", where=path) from None
+    except RecursionError:
+        raise ModelError("this is nested too deeply", where=path) from None
     reader = _Reader(path)
     if table.get("format") != FORMAT:
         given = f"is {table['format']!r}" if "format" in table else "is missing"
@@ -167,7 +174,9 @@ def _goal(reader: _Reader, entry: Mapping[str, Any], k: int, robots: tuple[Robot
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return abs(value) <= _LARGEST  # which does not hold of nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,7 +210,7 @@ class _Reader:
     def number(self, table: Mapping[str, Any], key: str, at: str, *, default: float) -> float:
         value = table.get(key, default)
         if not _is_number(value):
-            raise self.error(f"{at}.{key}", f"is {value!r}", "a finite number")
+            raise self.error(f"{at}.{key}", f"is {value!r}", f"a number of at most {_LARGEST:g}")
         return float(value)
 
     def numbers(
@@ -210,7 +219,9 @@ class _Reader:
         value = table.get(key, default)
         if not isinstance(value, list | tuple) or not all(_is_number(x) for x in value):
             raise self.error(
-                f"{at}.{key}", "is missing" if value is None else f"is {value!r}", "a list of finite numbers"
+                f"{at}.{key}",
+                "is missing" if value is None else f"is {value!r}",
+                f"a list of numbers of at most {_LARGEST:g} each",
             )
         return tuple(float(x) for x in value)
 

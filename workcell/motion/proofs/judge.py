@@ -64,7 +64,7 @@ def judge_path(problem: IKProblem, start: ArrayLike, path: ArrayLike) -> PathVer
     robot, refused = problem.robot, Clearance(float("nan"))
     try:
         points = np.asarray(path, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return PathVerdict(False, "the path is not a list of configurations", refused, -np.inf, np.nan, 0)
     reason = _shape_reason(robot, np.asarray(start, dtype=float), points)
     if not reason:

@@ -232,7 +232,8 @@ class RrdWriter:
 
     def log_property(self, name: str, values: dict[str, Any]) -> None:
         """Properties of the recording, which the viewer lists beside its name."""
-        self._stream.send_property(name, self._rr.AnyValues(**values))
+        plain = {key: _encodable(value) if isinstance(value, str) else value for key, value in values.items()}
+        self._stream.send_property(name, self._rr.AnyValues(**plain))
 
     def name_series(self, path: str, names: Sequence[str]) -> None:
         """Names of the lines that `send_scalars` draws."""
@@ -260,7 +261,7 @@ class RrdWriter:
         """One line of the event log."""
         self._stream.set_time(TIME, duration=time)
         self._stream.set_time(STEP, sequence=step)
-        self._stream.log(path, self._rr.TextLog(text, level=level))
+        self._stream.log(path, self._rr.TextLog(_encodable(text), level=level))
         self._stream.reset_time()
 
     def log_box_style(self, path: str, rgba: Sequence[float], radius: float) -> None:
@@ -303,6 +304,11 @@ class RrdWriter:
         if len(indexes) == 3:
             index.append(rr.TimeColumn(SOLVER_STEP, sequence=indexes[2]))
         self._stream.send_columns(path, indexes=index, columns=columns)
+
+
+def _encodable(text: str) -> str:
+    """The text with halves of characters, which no file can hold, as escapes."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def _sealing(stream: Any, encoded: Any, text: str) -> bytes:

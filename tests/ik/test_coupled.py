@@ -9,6 +9,7 @@ from tests.coupled_arms import coupled_arm, planar
 from workcell.errors import InputError
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.check import check_certificate
+from workcell.ik.cidgik.query import solve_query
 from workcell.ik.hjcd.batch import solve_batch
 from workcell.ik.hjcd.solver import collect_solutions
 from workcell.ik.judge.verify import verify
@@ -16,6 +17,7 @@ from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.registry import SOLVERS
 from workcell.ik.result import Status
 from workcell.ik.solve import solve
+from workcell.ik.trees.query import Goal, Query
 from workcell.model.loading.load import load_robot
 from workcell.pose import Pose
 
@@ -134,3 +136,9 @@ def test_max_step_bounds_the_variables(tmp_path):
     problem = IKProblem(robot, robot.fk([0.3]), q_reference=np.array([0.0]), max_step=0.1)
     assert solve(problem).status is Status.UNREACHABLE
     assert solve(replace(problem, max_step=0.35)).status is Status.SOLVED
+
+
+def test_queries_of_several_goals_say_that_cidgik_knows_no_couplings(tmp_path):
+    robot = arm(tmp_path, coupled_arm(1, joints=6, followers=1, slides=False)[0])
+    with pytest.raises(InputError, match="follows another, which cidgik does not know"):
+        solve_query(Query(robot, (Goal.posed("tool", robot.fk(robot.home)),)))

@@ -7,8 +7,9 @@ import pytest
 from tests.coupled_arms import coupled_arm, planar
 from workcell.errors import InputError, ModelError
 from workcell.model.collision_model import CollisionModel
+from workcell.model.joined import joined_robot
 from workcell.model.loading.load import load_robot
-from workcell.model.scene import robot_scene
+from workcell.model.scene import Scene, robot_scene
 
 CASES = [(seed, bent) for seed in range(12) for bent in (False, True)]
 URDF_LINK = """
@@ -227,3 +228,57 @@ def test_fingers_that_follow_each_other_stand_together(tmp_path):
     scene = robot_scene(tmp_path / "arm.xml")
     assert np.abs(residuals(scene.model, scene.initial_qpos())).max() < 1e-12
     assert sorted(value for _, value in scene.robot().fingers) == [0.0, 0.01]
+
+
+CELL = """
+<mujoco><worldbody><site name="a"/><site name="b" pos="1.5 0 0" euler="0 0 90"/>
+  <body name="door" pos="0 2 0"><joint name="door" axis="0 0 1" range="0 1"/><geom size=".1 .1 .1" type="box"/></body>
+  {robot}</worldbody>{rest}</mujoco>
+"""
+TASK = """
+format = "workcell-task/1"
+name = "two"
+cell = "cell.xml"
+[[robots]]
+name = "left"
+model = "arm.xml"
+mount = "a"
+[[robots]]
+name = "right"
+model = "other.xml"
+mount = "b"
+"""
+
+
+def test_robots_side_by_side_keep_their_couplings(tmp_path):
+    (tmp_path / "cell.xml").write_text(CELL.format(robot="", rest=""))
+    (tmp_path / "two.toml").write_text(TASK)
+    (tmp_path / "arm.xml").write_text(planar(0.5, 0.1))
+    (tmp_path / "other.xml").write_text(coupled_arm(2, joints=5, followers=2, bent=True)[0])
+    scene = Scene.load(tmp_path / "two.toml")
+    left, right = scene.robot("left").robot, scene.robot("right").robot
+    joined = joined_robot([scene.robot("left"), scene.robot("right")])
+    assert joined.dof == left.dof + right.dof and joined.joint_count == 2 + 5
+    assert np.abs(residuals(scene.model, scene.initial_qpos())).max() < 1e-12
+    for q in joined.random_configuration(np.random.default_rng(0), 10):
+        for name, robot, part in (("left", left, q[: left.dof]), ("right", right, q[left.dof :])):
+            assert np.allclose(joined.fk_transform(q, f"{name}/tool"), robot.fk_transform(part), atol=1e-12)
+        J = joined.jacobian(q, "right/tool")
+        assert np.allclose(J[:, : left.dof], 0) and np.allclose(
+            J[:, left.dof :], right.jacobian(q[left.dof :])
+        )
+
+
+def test_a_coupling_to_the_cell_s_own_joint_is_refused_by_name(tmp_path):
+    arm = planar()
+    robot = arm[arm.index('<body name="base">') : arm.index("</worldbody>")]
+    rest = (
+        '<equality><joint joint1="j2" joint2="j1"/><joint joint1="door" joint2="j1"/></equality>'
+        '<actuator><motor joint="j1"/></actuator>'
+    )
+    (tmp_path / "cell.xml").write_text(CELL.format(robot=robot, rest=rest))
+    with pytest.raises(ModelError, match="'door' follows 'j1'"):
+        Scene.load(tmp_path / "cell.xml")
+    kept = rest.replace('<joint joint1="door" joint2="j1"/>', "")
+    (tmp_path / "cell.xml").write_text(CELL.format(robot=robot, rest=kept))
+    assert Scene.load(tmp_path / "cell.xml").robot().robot.joint_names == ("j1",)

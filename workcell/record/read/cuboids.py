@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.pose import Array
+from workcell.record.read.paths import names_of
 from workcell.record.read.reader import Contents, Entity
 from workcell.record.write.cuboid_use import IN_USE
 
@@ -87,7 +88,7 @@ def link_uses(contents: Contents) -> tuple[LinkUse, ...]:
     """What a recording holds about the cuboids in use, by robot, base to tool; without what can't be understood."""
     found = []
     for path, entity in sorted(contents.below(f"world/{IN_USE}").items()):
-        names = path.split("/")
+        names = names_of(path)
         if len(names) == 4 and (use := _use(names[2], names[3], entity)) is not None:
             found.append((names[2], int(entity.static.get(_LINK, [0])[0]), use))
     return tuple(use for _, _, use in sorted(found, key=lambda item: item[:2]))

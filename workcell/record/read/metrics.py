@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workcell.pose import Array
+from workcell.record.read.paths import names_of
 from workcell.record.read.reader import Contents
 from workcell.record.read.stage import Stage
 
@@ -65,7 +66,7 @@ def metric_series(contents: Contents) -> dict[str, Series]:
     """All metrics of a recording by name."""
     found = {}
     for path, entity in contents.below("metrics").items():
-        name = path.removeprefix("metrics/")
+        name = "/".join(names_of(path)[1:])
         times, values = entity.numbers(_SCALARS)
         if len(times):
             given = tuple(str(label) for label in entity.static.get(_NAMES, ()))

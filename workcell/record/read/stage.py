@@ -8,6 +8,7 @@ import numpy as np
 
 from workcell.pose import Array, Pose, from_xyzw
 from workcell.record.read.cuboids import LinkUse, link_uses
+from workcell.record.read.paths import above, names_of
 from workcell.record.read.reader import Contents, Entity
 from workcell.record.render.raster import Surface
 from workcell.record.render.shade import Line
@@ -74,7 +75,7 @@ class Stage:
         motions = {path: motion for path, entity in world.items() if (motion := _motion(entity)) is not None}
         things, plans, traces, goals = [], {}, {}, {}
         for path, entity in world.items():
-            names = path.split("/")
+            names = names_of(path)
             if names[-1] == "plan" and _STRIPS in entity.static:
                 plans[names[2]] = np.asarray(entity.static[_STRIPS][0], dtype=float)
             elif names[-1] == "trace" and entity.has(_STRIPS):
@@ -101,7 +102,7 @@ class Stage:
         chain: list[str] = []
         while path and len(chain) < _DEEPEST:
             chain.append(path)
-            path = self.carriers.get(path, path.rpartition("/")[0])
+            path = self.carriers.get(path, above(path))
         return chain[::-1]
 
     def moves(self, path: str) -> bool:
@@ -144,7 +145,7 @@ class Stage:
         """For each object, the entity that carries it."""
         paths: dict[str, str] = {}
         for path in self.motions:
-            names = path.split("/")
+            names = names_of(path)
             if names[1:2] == ["objects"] and len(names) == 5 and names[3] == "visual":
                 paths.setdefault(names[2], path)
         return paths

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from workcell.record.read.metrics import label_of, unit_of
+from workcell.record.read.paths import names_of
 from workcell.record.read.queries import own_cuboids, stage_rows, summary
 
 if TYPE_CHECKING:
@@ -116,7 +117,7 @@ def _contents(review: Review) -> str:
     """How many entities of each kind the file holds."""
     groups: dict[str, int] = {}
     for path in review.inventory:
-        parts = path.split("/")
+        parts = names_of(path)
         if parts[0] == "world" and len(parts) > 2:
             name = f"{parts[1]}/{parts[2]}" if parts[1] == "robots" else parts[1]
         else:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
+import os
+
 import pytest
 
-from tests.proofs.exact.documents import DOWN, about_z, certificate, planar, problem
+from tests.proofs.exact.documents import DOWN, about_z, certificate, joint, planar, problem, problem_set
+from workcell.proofs.exact.problems import read_problems
 from workcell.proofs.exact.reading import RefusedError
 from workcell.proofs.exact.verdicts import check
 
@@ -102,3 +106,64 @@ def test_tolerances_narrower_than_the_problem_are_refused(tmp_path, tolerances):
     asked = problem(tmp_path, planar((0.5, 0.4)), (1.0, 0.0, 0.0))
     with pytest.raises(RefusedError, match=r"tolerances|penetration"):
         check(asked, certificate("reach", "kinematics", "", 0.1, tolerances=tolerances, slides=[0, 0]))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"format": "workcell-ikset/2"},
+        {"robot": None},
+        {"robot": {**planar((0.5,)), "joints": []}},
+        {"robot": {**planar((0.5,)), "spheres": 3}},
+        {"robot": {**planar((0.5,)), "spheres": [[2, 0, 0, 0, 0.1]]}},
+        {"robot": {**planar((0.5,)), "spheres": [[0.5, 0, 0, 0, 0.1]]}},
+        {"robot": {**planar((0.5,)), "spheres": [[1, 0, 0, 0, -0.1]]}},
+        {"robot": {**planar((0.5,)), "joints": [joint((0, 0, 0), axis=(0, 0, 0))]}},
+        {"robot": {**planar((0.5,)), "joints": [joint((0, 0, 0), quat=(0, 0, 0, 0))]}},
+        {"robot": {**planar((0.5,)), "joints": [joint((0, 0, 0), lower=1.0, upper=0.0)]}},
+        {"robot": {**planar((0.5,)), "joints": [joint((0, 0, 10**400))]}},
+        {"robot": {**planar((0.5,)), "joints": [joint((0, 0, float("nan")))]}},
+        {"problems": {}},
+        {"problems": [1]},
+        {"problems": [{"id": 1}]},
+        {"problems": [{"id": "p"}, {"id": "p"}]},
+        {"problems": [{"id": "p", "target": {"xyz": [0, 0], "quat": DOWN}}]},
+        {"problems": [{"id": "p", "target": {"xyz": [0, 0, 0], "quat": DOWN}, "obstacles": []}]},
+        {"problems": [{"id": "p", "target": {"xyz": [0, 0, 0], "quat": DOWN}, "obstacles": {"boxes": 1}}]},
+        {"problems": [{"id": "p", "target": {"xyz": [0, 0, 0], "quat": DOWN}, "obstacles": {"boxes": [1]}}]},
+    ],
+)
+def test_a_set_that_is_none_is_refused(tmp_path, change):
+    document = problem_set(planar((0.5,)), ((0.5, 0.0, 0.0), DOWN))
+    file = tmp_path / "set.json"
+    file.write_text(json.dumps(document))
+    assert list(read_problems(file)) == ["p0"]
+    file.write_text(json.dumps(document | change))
+    with pytest.raises(RefusedError):
+        read_problems(file)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{",
+        '{"a": 1, "a": 2}',
+        "[" * 20 + "]" * 20,
+        "[" * 100_000,
+        "9" * 400,
+        '{"format": "workcell-ikset/1"}',
+    ],
+)
+def test_texts_that_are_no_sets_are_refused(tmp_path, text):
+    file = tmp_path / "set.json"
+    file.write_text(text)
+    with pytest.raises(RefusedError):
+        read_problems(file)
+
+
+def test_a_pipe_and_a_folder_are_not_read(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for file in (tmp_path / "pipe", tmp_path, tmp_path / "none", tmp_path / "nul\0"):
+        with pytest.raises(RefusedError):
+            read_problems(file)

@@ -22,14 +22,19 @@ def main(arguments: list[str]) -> int:
         for verdict in judge_answers(Path(arguments[0]), Path(arguments[1])):
             if verdict.refusal is not None:
                 counts["refused"] += 1
-                print(f"refused: line {verdict.line}, {verdict.id}: {verdict.refusal}")
+                print(_plain(f"refused: line {verdict.line}, {verdict.id}: {verdict.refusal}"))
             else:
                 counts[verdict.status] += 1
     except RefusedError as refusal:
-        print(f"error: {refusal}", file=sys.stderr)
+        print(_plain(f"error: {refusal}"), file=sys.stderr)
         return 2
     print(", ".join(f"{count} {name}" for name, count in counts.items()) or "no answers")
     return 1 if counts["refused"] else 0
+
+
+def _plain(text: str) -> str:
+    """A text that every terminal takes, whatever stands in a file."""
+    return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
 
 
 if __name__ == "__main__":

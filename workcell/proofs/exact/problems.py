@@ -99,7 +99,10 @@ def _arm(robot: Any) -> Arm:
         raise RefusedError("the robot has no joints")
     tool = member(robot, "tool", dict, "the robot")
     spheres = []
-    for s, row in enumerate(robot.get("spheres", [])):
+    rows = robot.get("spheres", [])
+    if not isinstance(rows, list):
+        raise RefusedError("the robot's spheres are no list")
+    for s, row in enumerate(rows):
         link, *centre, radius = doubles(row, 5, f"sphere {s}")
         if link not in range(len(joints) + 1) or not radius >= 0:
             raise RefusedError(f"sphere {s} is on no link, or has a radius below zero")

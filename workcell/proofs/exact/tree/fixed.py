@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from workcell.proofs.exact.reading import RefusedError
 from workcell.proofs.exact.spans import BITS, PI, Span
 
 SHIFT = 30
@@ -35,12 +36,12 @@ def up(product: Ints) -> Ints:
 def root_up(squares: Ints) -> Ints:
     """Whole numbers whose squares are no less: guessed with doubles, then put right."""
     if np.any(squares < 0):
-        raise AssertionError("a square that overflowed")
+        raise RefusedError("a number is too large for 64 bits")
     guess: Ints = np.sqrt(squares.astype(np.float64)).astype(np.int64)
     guess += guess * guess < squares
     guess += guess * guess < squares
     if np.any(guess * guess < squares):
-        raise AssertionError("a root that is too small")
+        raise RefusedError("a root came out too small")
     return guess
 
 
@@ -50,7 +51,7 @@ def root_down(squares: Ints) -> Ints:
     guess -= guess * guess > squares
     guess -= guess * guess > squares
     if np.any(guess * guess > squares):
-        raise AssertionError("a root that is too large")
+        raise RefusedError("a root came out too large")
     return guess
 
 

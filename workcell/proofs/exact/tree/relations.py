@@ -17,7 +17,11 @@ from workcell.proofs.exact.tree.fixed import ONE, Flags, Ints, cross, down, root
 from workcell.proofs.exact.tree.views import FixedArm, View
 
 LEAST_SCORE = 0.15
+"""Where to cut, a guess: by a relation whose gap beyond the ball is this part of its blur at least, ..."""
 WORTH = 20.0
+"""... the ball, so many times, counted with the blur, since cuts do not lessen it;"""
+FAR_WIDER = 16
+"""and never a joint that is so many times narrower than the widest."""
 MOST_BETWEEN = 2
 """Far lines are up to so many beyond near ones: one joint between them."""
 
@@ -56,7 +60,9 @@ class Relations:
         score = (self.gap[:, which] - ball) / (moves.sum(axis=1) + WORTH * ball)
         best, each = np.argmax(score, axis=0), np.arange(len(which))
         blurring = np.argmax(moves[best, :, each], axis=1)
-        joint: Ints = np.where(score[best, each] > LEAST_SCORE, blurring, np.argmax(half[:, which], axis=0))
+        widest = np.argmax(half[:, which], axis=0)
+        told = (score[best, each] > LEAST_SCORE) & (half[blurring, which] > half[widest, which] // FAR_WIDER)
+        joint: Ints = np.where(told, blurring, widest)
         return joint
 
 

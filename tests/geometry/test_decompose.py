@@ -71,3 +71,27 @@ def test_picture_is_written(decomposition, tmp_path):
     assert f"{decomposition.metrics['obstacle_spheres']} on obstacles" in figure.get_suptitle()
     with pytest.raises(OutputError, match="can't be written"):
         draw_decomposition(decomposition, tmp_path / "missing" / "cell.png")
+
+
+def test_a_cell_without_a_robot_is_shown(tmp_path):
+    (tmp_path / "cell.xml").write_text(
+        '<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/>'
+        '<geom name="post" type="box" size=".1 .1 .4" pos="1 0 .4"/>'
+        '<body name="ball" pos="0 1 .2"><geom type="sphere" size=".2"/></body></worldbody></mujoco>'
+    )
+    scene = Scene.load(tmp_path / "cell.xml")
+    steps = []
+    alone = decompose(scene, overshoot=0.03, progress=lambda: steps.append(1))
+    assert len(steps) == 6
+    assert (alone.robot, alone.robot_pieces, len(alone.robot_cover), len(alone.free_space)) == (
+        None,
+        (),
+        0,
+        0,
+    )
+    assert alone.metrics["half_spaces_not_covered"] == ["floor"]
+    assert alone.metrics["obstacle_pieces"] == 3 and alone.metrics["obstacle_cover_proved"]
+    document = alone.to_json()
+    assert document["q"] == [] and {sphere["of"] for sphere in document["spheres"]} == {"obstacle"}
+    low = (alone.obstacle_cover.centre - alone.obstacle_cover.radius[:, None]).min(axis=0)
+    assert low == pytest.approx([-0.2, -0.1, 0.0], abs=0.031)

@@ -9,12 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from workcell.cli import exit_codes
-from workcell.cli.output import check_outputs, print_json, print_table, progress_bar, tell
-from workcell.errors import UnknownNameError
+from workcell.cli.output import busy, check_outputs, print_json, print_table, progress_bar, tell
+from workcell.errors import InputError, UnknownNameError
 
 if TYPE_CHECKING:
     from workcell.model.robot import Robot
     from workcell.model.scene import Scene
+
+_PARTS = ("robot cover", "obstacle cover", "cuboids", "polytopes", "table of pairs", "measurement")
+"""Of a decomposition, in the order in which they are made."""
 
 
 def robots(options: argparse.Namespace) -> int:
@@ -64,7 +67,8 @@ def _fields(
 def check(options: argparse.Namespace) -> int:
     """Validate one file and say what it contains."""
     contents_of = _check_problem_set if options.file.endswith(".json") else _check_model
-    contents = contents_of(options.file)
+    with busy(f"reading {options.file}"):
+        contents = contents_of(options.file)
     problems = contents["problems"]
     if options.json:
         print_json(contents)
@@ -212,11 +216,16 @@ def decompose(options: argparse.Namespace) -> int:
     from workcell.geometry.decompose import decompose as run
     from workcell.model.scene import Scene
 
-    scene, name = Scene.load(options.cell), options.robot
-    if name is not None and name not in scene.robots:
-        scene, name = Scene.load(options.cell, robot=name), None
+    with busy(f"loading {options.cell}"):
+        scene, name = Scene.load(options.cell), options.robot
+        if name is not None and name not in scene.robots:
+            scene, name = Scene.load(options.cell, robot=name), None
+    if options.table and name is None and not scene.robots:
+        raise InputError(
+            "there is no robot whose spheres could be in cuboids", where="table", remedy="mount one: --robot"
+        )
     check_outputs((options.out, options.png, options.rrd, options.table), (options.cell, options.robot))
-    with progress_bar("decompose", 6) as bar:
+    with progress_bar("decompose", len(_PARTS), _PARTS) as bar:
         result = run(scene, name, overshoot=options.overshoot, seed=options.seed, progress=bar.step)
     document = result.to_json()
     if options.out:
@@ -229,7 +238,7 @@ def decompose(options: argparse.Namespace) -> int:
         from workcell.record.write.decomposition import record_decomposition
 
         record_decomposition(result, scene, Path(options.rrd))
-    if options.table:
+    if options.table and result.robot is not None:
         from workcell.geometry.free_space.admissible import save_table
 
         save_table(options.table, result.robot, result.robot_cover, result.free_space)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
+import sys
 import unicodedata
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -122,20 +124,40 @@ def _cell(value: object) -> str:
     return str(value)
 
 
-def progress_bar(description: str, total: int) -> Any:
-    """A progress bar on a terminal's standard error; silent in a pipe. Use as a context manager; call `.step()`."""
-    return _Progress(description, total)
+def progress_bar(description: str, total: int, parts: Sequence[str] = ()) -> Any:
+    """A progress bar on a terminal's standard error; silent in a pipe. Use as a context manager; call `.step()`.
+
+    Args:
+        description: what is done.
+        total: how many steps it takes.
+        parts: names of the steps, where they have any; the one that is under way is shown.
+    """
+    return _Progress(description, total, parts)
+
+
+def busy(description: str) -> Any:
+    """The same for something of which nobody knows how long it takes: how long it has taken."""
+    return _Progress(description, None) if sys.stderr.isatty() else contextlib.nullcontext()
 
 
 class _Progress:
-    def __init__(self, description: str, total: int) -> None:
+    def __init__(self, description: str, total: int | None, parts: Sequence[str] = ()) -> None:
+        from rich import progress as rich
         from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
         console = Console(stderr=True)
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        self._progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-        self._task = self._progress.add_task(description, total=total)
+        columns: list[rich.ProgressColumn] = [
+            rich.TextColumn("{task.description}", markup=False),
+            rich.BarColumn(),
+            rich.TimeElapsedColumn(),
+        ]
+        if total is not None:
+            columns += [rich.MofNCompleteColumn(), rich.TimeRemainingColumn()]
+        self._progress = rich.Progress(
+            *columns, console=console, transient=True, disable=not console.is_terminal
+        )
+        self._what, self._parts, self._done = printable(description, keep=""), parts, 0
+        self._task = self._progress.add_task(self._words(), total=total)
 
     def __enter__(self) -> _Progress:
         self._progress.start()
@@ -146,4 +168,9 @@ class _Progress:
 
     def step(self, count: int = 1) -> None:
         """Advance by `count`."""
-        self._progress.advance(self._task, count)
+        self._done += count
+        self._progress.update(self._task, advance=count, description=self._words())
+
+    def _words(self) -> str:
+        part = self._parts[self._done] if self._done < len(self._parts) else ""
+        return f"{self._what}: {part}" if part else self._what

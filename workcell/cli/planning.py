@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from workcell.cli import exit_codes
-from workcell.cli.output import check_outputs, print_json, print_table, progress_bar, tell
+from workcell.cli.output import busy, check_outputs, print_json, print_table, progress_bar, tell
 from workcell.compile_ahead import SAMPLING, compile_ahead
 
 
@@ -18,7 +18,8 @@ def plan(options: argparse.Namespace) -> int:
     from workcell.sets.problems import load_problem_set
 
     compile_ahead(SAMPLING)
-    problem_set = load_problem_set(Path(options.set))
+    with busy(f"reading {options.set}"):
+        problem_set = load_problem_set(Path(options.set))
     effort = Effort(optimise_s=options.optimise_s)
     if options.optimise_iterations is not None:
         effort = Effort(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workcell.cli import exit_codes
-from workcell.cli.output import check_outputs, print_json, print_table, progress_bar, tell
+from workcell.cli.output import busy, check_outputs, print_json, print_table, progress_bar, tell
 from workcell.compile_ahead import DECIDING, compile_ahead
 from workcell.errors import InputError, UnknownNameError
 from workcell.ik.problem import Budget, IKProblem
@@ -29,7 +29,8 @@ def ik(options: argparse.Namespace) -> int:
     check_solver_name(options.solver)
     _compile_ahead(options.solver)
     target = Pose(np.array(options.pose[:3]), np.array(options.pose[3:]))
-    problem = replace(_world(options).problem(target), goal=options.goal)
+    with busy(f"loading {options.cell or options.robot}"):
+        problem = replace(_world(options).problem(target), goal=options.goal)
     result = solve(problem, solver=options.solver, budget=Budget(options.budget_s), seed=options.seed)
     why = None
     if result.status.is_proof and not options.no_why:
@@ -123,7 +124,8 @@ def solve(options: argparse.Namespace) -> int:
 
     check_solver_name(options.solver)
     _compile_ahead(options.solver)
-    problem_set = load_problem_set(Path(options.set))
+    with busy(f"reading {options.set}"):
+        problem_set = load_problem_set(Path(options.set))
     check_outputs([options.out], [options.set])
     out = Path(options.out) if options.out else None
     with progress_bar(f"solve {Path(options.set).name}", len(problem_set.problems)) as bar:

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from workcell.errors import ModelError
-from workcell.geometry.covers.outer import obstacle_cover, robot_cover
+from workcell.geometry.covers.outer import merge_covers, obstacle_cover, robot_cover
 from workcell.geometry.covers.proof import prove_cover
 from workcell.geometry.covers.reach_ball import ReachBall, part_in_reach, reach_ball
 from workcell.geometry.free_space.admissible import with_table
 from workcell.geometry.free_space.fill import fill_free_space, spheres_held, with_polytopes
 from workcell.geometry.obstacle_arrays import ObstacleArrays
-from workcell.geometry.pieces import move_piece, robot_pieces, scene_obstacles
+from workcell.geometry.pieces import move_piece, pieces_of_bodies, robot_pieces, scene_obstacles
 from workcell.geometry.types import FreeSpace, Piece, SphereCover
 from workcell.model.robot import Robot
 from workcell.model.scene import Scene
@@ -34,8 +34,8 @@ class Decomposition:
 
     Attributes:
         scene: name of the scene.
-        robot_name: name of the robot in the scene.
-        robot: its kinematics.
+        robot_name: name of the robot in the scene; empty where there is none.
+        robot: its kinematics; None: the cell alone, its obstacles covered whole and no free space sought.
         q: (n,) the configuration drawn: the robot's start.
         robot_pieces: all of the robot's colliding geometry, in the world at `q`.
         obstacles: all other colliding geometry, in the world.
@@ -47,7 +47,7 @@ class Decomposition:
 
     scene: str
     robot_name: str
-    robot: Robot
+    robot: Robot | None
     q: Array
     robot_pieces: tuple[Piece, ...]
     obstacles: tuple[Piece, ...]
@@ -58,6 +58,8 @@ class Decomposition:
 
     def robot_spheres(self) -> tuple[Array, Array]:
         """World centres (m, 3) and radii (m,) of the robot's spheres at `q`."""
+        if self.robot is None:
+            return np.zeros((0, 3)), np.zeros(0)
         T = self.robot.link_transforms(self.q)
         return self.robot_cover.centres_world(T), np.array(self.robot_cover.radius)
 
@@ -96,9 +98,12 @@ def decompose(
     to it (`part_in_reach`). The metrics name those that were cut (`obstacles_cut_to_reach`) or that lie outside it
     (`obstacles_out_of_reach`), and the ball's radius (`reach_radius_m`). The free space knows all obstacles, uncut.
 
+    A scene without a robot gets its obstacles covered, whole, and nothing else: without a reach there is no end to
+    the free space.
+
     Args:
         scene: the scene.
-        robot: the robot's name; None: the only one.
+        robot: the robot's name; None: the only one, if there is one.
         overshoot: metres that a sphere may stick out.
         seed: of the random seeds and of the sampler that measures coverage.
         progress: called after each of the six parts: robot cover, obstacle cover, cuboids, polytopes, table,
@@ -108,6 +113,8 @@ def decompose(
         ModelError: an obstacle that contains the robot's base, or a geom that is not supported.
     """
     step = progress or (lambda: None)
+    if robot is None and not scene.robots:
+        return _cell_alone(scene, overshoot, step)
     actor = scene.robot(robot)
     kinematics, q = actor.robot, np.array(actor.start)
     times: dict[str, float] = {}
@@ -163,6 +170,31 @@ def decompose(
         around,
         measured,
         metrics | times,
+    )
+
+
+def _cell_alone(scene: Scene, overshoot: float, step: Callable[[], object]) -> Decomposition:
+    """Obstacles and their spheres, of a scene without a robot."""
+    began = time.perf_counter()
+    model = scene.model
+    obstacles = pieces_of_bodies(model, range(model.nbody), scene.initial_qpos())
+    step()
+    around = obstacle_cover(obstacles, overshoot=overshoot)
+    covered = [piece for piece in obstacles if piece.kind != "halfspace"]
+    times = {"obstacle_cover_s": round(time.perf_counter() - began, 4)}
+    step()
+    metrics = {
+        "obstacle_pieces": len(obstacles),
+        "half_spaces_not_covered": [piece.name for piece in obstacles if piece.kind == "halfspace"],
+        "obstacle_spheres": len(around),
+        **_overshoots("obstacle", around),
+        "obstacle_cover_proved": prove_cover(covered, around.centre, around.radius) is None,
+    }
+    for _ in range(4):
+        step()
+    nothing = FreeSpace(np.zeros((0, 3)), np.zeros((0, 3)))
+    return Decomposition(
+        scene.name, "", None, np.zeros(0), (), obstacles, merge_covers(), around, nothing, metrics | times
     )
 
 

@@ -109,7 +109,11 @@ def decomposition_figure(decomposition: Decomposition) -> Figure:
 
 
 def _headline(d: Decomposition) -> str:
-    metrics, outside = d.metrics, 1e3 * d.metrics["robot_overshoot_max_m"]
+    metrics = d.metrics
+    if d.robot is None:
+        outside = 1e3 * metrics["obstacle_overshoot_max_m"]
+        return f"{d.scene}: {metrics['obstacle_spheres']} spheres on obstacles (at most {outside:.0f} mm outside)"
+    outside = 1e3 * metrics["robot_overshoot_max_m"]
     return (
         f"{d.scene}: {metrics['robot_spheres']} spheres on the arm, {metrics['base_spheres']} on its base, "
         f"{metrics['obstacle_spheres']} on obstacles (at most {outside:.0f} mm outside);\n"
@@ -223,8 +227,17 @@ def _joined(edges: Iterable[Array]) -> Array:
     return np.concatenate([part for edge in edges for part in (edge, gap)])
 
 
+def _window_of_all(d: Decomposition) -> Array:
+    """(2, 3) corners of all obstacles; of a metre around the origin where none has an end."""
+    corners = [polytope_of(piece).vertices for piece in _bounded(d)] or [np.array([[-1.0] * 3, [1.0] * 3])]
+    points = np.concatenate(corners)
+    return np.array([points.min(axis=0) - 0.12, points.max(axis=0) + 0.12])
+
+
 def _window(d: Decomposition) -> Array:
     """(2, 3) corners of what is worth drawing: the robot and the obstacles near it."""
+    if d.robot is None:
+        return _window_of_all(d)
     centres, radii = d.robot_spheres()
     low, high = (centres - radii[:, None]).min(axis=0), (centres + radii[:, None]).max(axis=0)
     reach = d.robot.reach()

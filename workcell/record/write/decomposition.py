@@ -16,11 +16,12 @@ def record_decomposition(decomposition: Decomposition, scene: Scene, path: str |
         OutputError: the file can't be written.
     """
     metrics = decomposition.metrics
-    proved = bool(metrics["robot_cover_proved"]) and bool(metrics["obstacle_cover_proved"])
+    proved = bool(metrics.get("robot_cover_proved", True)) and bool(metrics["obstacle_cover_proved"])
     sentence = "Covers and free space were proved." if proved else "A cover could not be proved."
     with Recording(path, task=f"decompose {scene.name}") as recording:
         recording.log_scene(scene)
-        recording.log_cover(scene.robot(decomposition.robot_name), decomposition.robot_cover)
+        if decomposition.robot is not None:
+            recording.log_cover(scene.robot(decomposition.robot_name), decomposition.robot_cover)
         recording.log_obstacle_cover(decomposition.obstacle_cover)
         recording.log_free_space(decomposition.free_space)
         recording.event(0.0, sentence)

@@ -127,7 +127,11 @@ class Checks:
 
 
 class CollisionChecker(Protocol):
-    """The truth about collisions for one problem (the compiled model, or the exact kernel)."""
+    """The truth about collisions for one problem (the compiled model, or the exact kernel).
+
+    It may have a method `second_opinion`, of q too, which says by another way what touches, or None. Where it disagrees
+    with what is to be accepted, it holds.
+    """
 
     def __call__(self, q: Array) -> Clearance:
         """Smallest clearance at configuration `q` of the problem's serial robot."""

@@ -33,11 +33,14 @@ class ModelClearance:
     collision: CollisionModel
 
     def __call__(self, q: Array) -> Clearance:
-        """Smallest signed distance at a configuration (n,); where MuJoCo's contacts say otherwise, they hold."""
+        """Smallest signed distance at a configuration (n,)."""
         found = self.collision.distance(q)
-        if found.distance >= 0.0:
-            found = self.collision.contact(q) or found
         return Clearance(found.distance, found.pair, found.reason)
+
+    def second_opinion(self, q: Array) -> Clearance | None:
+        """What MuJoCo's own collision pipeline has in contact at a configuration (n,); None: nothing."""
+        found = self.collision.contact(q)
+        return None if found is None else Clearance(found.distance, found.pair)
 
     @property
     def checks(self) -> Checks:

@@ -7,6 +7,7 @@ import pytest
 from tests.model.judge.shapes import CONVEX, pair_model, scatter
 from tests.model.judge.test_pairs import Generator
 from workcell.errors import ModelError
+from workcell.ik.judge.verify import Verifier
 from workcell.model.collision_model import CollisionModel
 from workcell.model.judge.contacts import deepest_contact
 from workcell.model.judge.distances import judge_model
@@ -72,8 +73,9 @@ def test_where_it_and_the_distance_disagree_the_stricter_one_holds(world, monkey
     assert collision.contact(q).pair == ("wall", "upper") and collision.contact([-1.0]) is None
     monkeypatch.setattr(type(collision._judge), "distance", lambda *_: 0.01)  # a distance that is wrong
     assert collision.distance(q).distance > 0
-    assert world.clearance(q).distance < -1e-6 and world.clearance(q).pair == ("wall", "upper")
-    assert world.clearance(np.array([-1.0])).distance > 0
+    judge = Verifier(world.problem(world.tool_pose(q)))
+    assert judge(q).clearance.distance < -1e-6 and judge(q).clearance.pair == ("wall", "upper")
+    assert not judge(q).accepted and judge(np.array([-1.0])).clearance.distance > 0
     proof = prove_path(Path(world.robot.robot, [[-1.0], [0.7]]), world.clearance, world.cover)
     assert not proof.proved and proof.failed_at == 1 and "collision between wall and upper" in proof.reason
 

@@ -94,7 +94,9 @@ class Verifier:
     def _clearance(self, q: Array, rotation: Array, position: Array) -> Clearance:
         problem = self.problem
         if problem.checker is not None:
-            return problem.checker(q)
+            found, ask = problem.checker(q), getattr(problem.checker, "second_opinion", None)
+            other: Clearance | None = ask(q) if ask is not None and found.distance >= 0.0 else None
+            return found if other is None else other
         clearance = Clearance(float("inf"))
         if self._distances is not None and problem.cover is not None:
             distance, sphere, piece = smallest_clearance(problem.cover, rotation, position, self._distances)

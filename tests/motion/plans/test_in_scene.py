@@ -87,7 +87,7 @@ def test_motions_of_links_bound_what_pairs_lose(world):
     data, rng = mujoco.MjData(world.scene.model), np.random.default_rng(0)
     for _ in range(20):
         q, half = rng.uniform(-1.5, 1.5, 3), rng.uniform(0, 0.1, 3)
-        least, found = collision.excess(q, link_motion(robot, q, half, world.cover))
+        least, found = collision.excess(q, link_motion(robot, q, half, world.cover), half)
         assert found.distance >= least
         for _ in range(5):
             data.qpos[:] = q + half * rng.uniform(-1, 1, 3)

@@ -259,6 +259,26 @@ def test_a_certificate_in_a_pipe_a_device_or_a_folder(capsys, strange_files, tmp
         assert code == exit_codes.NOT_ACHIEVED and "refused" in out
 
 
+@pytest.mark.parametrize(
+    "asset",
+    [
+        '<mesh name="m" file="{}"/>',
+        '<hfield name="m" file="{}" size="1 1 1 1"/>',
+        '<texture name="m" type="2d" file="{}"/>',
+    ],
+)
+def test_a_model_that_names_a_pipe_or_a_folder(capsys, strange_files, tmp_path, asset):
+    path = tmp_path / "model.xml"
+    for name in ("pipe", "device", "folder"):
+        (tmp_path / f"{name}.png").unlink(missing_ok=True)
+        (tmp_path / f"{name}.png").symlink_to(strange_files / name)
+        path.write_text(
+            ARM.replace("<worldbody>", f"<asset>{asset.format(f'{name}.png')}</asset><worldbody>")
+        )
+        code, _, err = answered(capsys, "check", str(path))
+        assert (code == exit_codes.BAD_INPUT and "'m'" in err) or " m " in err
+
+
 @pytest.mark.parametrize("value", ["1e300", "-1e300", "nan", "inf", "1e7", "9" * 400, "\ud800", "", "\x00"])
 def test_numbers_of_arguments(capsys, value):
     for place in range(7):

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from workcell.errors import ModelError
+from workcell.model.loading.asset_files import refuse_what_is_no_file
 from workcell.model.loading.assets import MODEL_SUFFIXES, AssetKind, find_asset
 from workcell.model.loading.compiled import VELOCITY, robot_from_model
 from workcell.model.loading.field_sizes import check_field_sizes, refuse_large_grids
@@ -60,10 +61,12 @@ def load_spec(
         with quiet_mujoco(path):
             if path.suffix.lower() == ".urdf" or "<robot" in path.read_text(errors="replace")[:2000]:
                 spec = _load_urdf(path)
+                refuse_what_is_no_file(spec, path)
                 label(spec, root)
             else:
                 refuse_large_grids(path)
                 spec = _mjcf(path)
+                refuse_what_is_no_file(spec, path)
                 label(spec, root)
                 lock_equal_limits(spec)
     except UnicodeDecodeError:

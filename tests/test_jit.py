@@ -42,7 +42,7 @@ def compiled(tmp_path_factory):
     folder = tmp_path_factory.mktemp("compiled")
     kernels = folder / "workcell" / "kernels"
     kernels.mkdir(parents=True)
-    for name in ("__init__", "errors", "jit"):
+    for name in ("__init__", "clock", "errors", "jit"):
         shutil.copy(PACKAGE / f"{name}.py", kernels.parent)
     for name, text in {"__init__": "", **MODULES}.items():
         (kernels / f"{name}.py").write_text(f"from workcell.jit import inner, kernel\n{text}\n")
@@ -109,3 +109,76 @@ def test_a_file_that_is_gone_is_compiled_again(tmp_path):
     kept.save("float64(float64)", b"one")
     next(tmp_path.glob("*.nbc")).unlink()
     assert kept.load("float64(float64)") is None
+
+
+SUM = """
+import numpy as np
+@inner
+def dot(a, b):
+    total = 0.0
+    for k in range(a.shape[0]):
+        total += a[k] * b[k]
+    return total
+@inner
+def swept(a, b, out):
+    n = out.shape[0]
+    for i in range(n):
+        total = b[i]
+        for j in range(n):
+            if j != i:
+                total -= a[i, j] * out[j]
+        out[i] = total / a[i, i] + 1e-3 * np.sin(out[i]) * np.exp(-out[i] * out[i])
+    for i in range(n):
+        for j in range(i):
+            out[i] += 1e-4 * np.arctan2(out[j], 1.0 + out[i] * out[i]) / (2.0 + dot(a[i], a[j]))
+    return dot(out, out)
+@kernel
+def outer(a, b):
+    out = np.zeros(b.shape[0])
+    return swept(a, b, out) + swept(a, out, b) + swept(a[::1], b, out) * dot(a[0], b) + swept(a, b, out)
+@kernel
+def other(a, b):
+    out = np.zeros(b.shape[0])
+    return swept(a, b, out) - dot(a[0], b) + swept(a, out, b)
+"""
+"""Kernels that call the same functions, too large to be made part of either."""
+
+NUMBERS = "a, b = 4 * np.eye(7) + np.random.default_rng(0).random((7, 7)), np.arange(7.0)"
+ORDERS = f"""
+import numpy as np; from workcell.kernels.sums import {{names}}
+{NUMBERS}
+found = dict((f.__name__, f(a, b.copy()).hex()) for f in ({{names}},))
+print(*(found[name] for name in sorted(found)))
+"""
+
+SHARED = f"""
+import numpy as np; from llvmlite.binding import Linkage; from workcell.kernels.sums import outer
+{NUMBERS}
+outer(a, b)
+(compiled,) = outer.overloads.values()
+own = [f for f in compiled.library._final_module.functions if not f.is_declaration]
+print(*(f.name for f in own if f.linkage == Linkage.linkonce_odr and "workcell" in f.name))
+"""
+
+
+def test_answers_are_the_same_to_the_last_digit_whatever_was_compiled_or_loaded_before(tmp_path):
+    """Cold and warm, alone and beside another kernel that calls into the same functions, in either order."""
+    kernels = tmp_path / "workcell" / "kernels"
+    kernels.mkdir(parents=True)
+    for name in ("__init__", "clock", "errors", "jit"):
+        shutil.copy(PACKAGE / f"{name}.py", kernels.parent)
+    (kernels / "__init__.py").write_text("")
+    (kernels / "sums.py").write_text(f"from workcell.jit import inner, kernel\n{SUM}")
+
+    def run(program):
+        command = [sys.executable, "-c", program]
+        return subprocess.run(
+            command, cwd=tmp_path, capture_output=True, text=True, check=True
+        ).stdout.split()
+
+    assert run(SHARED) == [], "copies in place of which another kernel's may be called"
+    shutil.rmtree(kernels / "__pycache__")
+    cold = run(ORDERS.format(names="other, outer"))
+    for names in ("outer, other", "other, outer"):
+        assert run(ORDERS.format(names=names)) == cold
+    assert [value for name in ("other", "outer") for value in run(ORDERS.format(names=name))] == cold

@@ -13,13 +13,18 @@ import glob
 import hashlib
 import re
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
+from llvmlite.binding import Linkage
 from numba import njit
 from numba.core import event
 from numba.core.caching import IndexDataCacheFile
+from numba.core.codegen import CPUCodeLibrary
+
+from workcell.clock import leave_out
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -32,16 +37,55 @@ _IMPORT = re.compile(r"^(?:from|import) workcell\.([\w.]+)", re.MULTILINE)
 
 
 class _Clock(event.TimingListener):  # type: ignore[misc]
-    """Adds up what numba spends on compiling, nested calls once; says so when it begins for the first time."""
+    """Adds up what numba spends on compiling, nested calls once; says so when it begins for the first time.
+
+    The clock of budgets leaves it out.
+    """
 
     announce: Callable[[], object] | None = None
+    _cpu = 0.0
 
     def on_start(self, started: Any) -> None:
         announce, self.announce = self.announce, None
         if announce is not None:
             announce()
+        if self._depth == 0:
+            self._cpu = time.process_time()
         super().on_start(started)
 
+    def on_end(self, ended: Any) -> None:
+        super().on_end(ended)
+        if self._depth == 0:
+            leave_out(time.process_time() - self._cpu)
+
+
+def _with_copies_of_its_own(finalize: Callable[[Any], None]) -> Callable[[Any], None]:
+    """Let a compiled kernel call its own copies of the functions that it calls, whatever else is loaded.
+
+    numba marks these copies so that the first of a name that a process loads serves all kernels. They were optimised
+    each in its place and round differently, so that the last digits of an answer would depend on what was compiled,
+    loaded or called before.
+    """
+
+    @functools.wraps(finalize)
+    def finalized(library: Any) -> None:
+        module = library._final_module
+        own = [function for function in module.functions if not function.is_declaration]
+        if any("workcell" in function.name for function in own):
+            exported = [function for function in own if function.linkage == Linkage.external]
+            # what others link in is a copy with the marks, as numba makes it
+            library._shared_module = module.clone()
+            for function in exported:
+                library._shared_module.get_function(function.name).linkage = Linkage.linkonce_odr
+            for function in own:
+                if function.linkage == Linkage.linkonce_odr:
+                    function.linkage = Linkage.internal
+        finalize(library)
+
+    return finalized
+
+
+CPUCodeLibrary._finalize_final_module = _with_copies_of_its_own(CPUCodeLibrary._finalize_final_module)
 
 _clock = _Clock()
 event.register("numba:compile", _clock)

@@ -16,7 +16,9 @@ from workcell.errors import InputError
 
 Array = NDArray[np.float64]
 
-_QUAT_NORM_TOLERANCE = 1e-3
+UNIT_TOLERANCE = 1e-3
+"""By how much the length of a quaternion or an axis may differ from one, at every door: three digits were written down.
+What is within it is made a unit; what is not is a mistake."""
 _ROTATION_TOLERANCE = 1e-6
 
 
@@ -149,7 +151,7 @@ class Pose:
         quat = _vector(self.quat_wxyz, 4, "quat_wxyz")
         with np.errstate(over="ignore"):  # what overflows is refused
             norm = float(np.linalg.norm(quat))
-        if abs(norm - 1.0) > _QUAT_NORM_TOLERANCE:
+        if abs(norm - 1.0) > UNIT_TOLERANCE:
             raise InputError(
                 f"the quaternion {quat.tolist()} has length {norm:.6g}",
                 where="quat_wxyz",

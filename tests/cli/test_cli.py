@@ -61,7 +61,8 @@ def test_check_takes_a_urdf_in_the_working_folder(capsys, tmp_path, monkeypatch)
     (tmp_path / "arm.urdf").write_text(
         '<robot name="arm"><link name="base"/>'
         '<link name="upper"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
-        '</inertial></link><joint name="lift" type="revolute"><parent link="base"/><child link="upper"/>'
+        '</inertial><collision><geometry><sphere radius="0.1"/></geometry></collision></link>'
+        '<joint name="lift" type="revolute"><parent link="base"/><child link="upper"/>'
         '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="5" velocity="1"/></joint></robot>'
     )
     code, out, err = call(capsys, "check", "arm.urdf")

@@ -129,7 +129,7 @@ def test_a_solver_that_does_not_apply_is_passed_over_by_auto_alone(monkeypatch):
     target = robot.fk(robot.random_configuration(np.random.default_rng(1)))
     with pytest.raises(InputError, match="is prismatic"):
         solve(IKProblem(robot, target), "ikspark")
-    turns = (Turn("ikspark", share=0.5), Turn("multistart"))
+    turns = (Turn("ikspark", 0.5), Turn("multistart"))
     monkeypatch.setattr("workcell.ik.solve.auto_turns", lambda dof, goal: turns)
     result = solve(IKProblem(robot, target))
     assert result.solved and "ikspark does not apply" in result.rejected[0]

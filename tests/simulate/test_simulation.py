@@ -8,7 +8,7 @@ import pytest
 from tests.motion.local_solver import solve_locally
 from workcell.errors import InputError, ModelError, UnknownNameError, WorkcellError
 from workcell.ik.problem import IKProblem
-from workcell.model.scene import Scene, robot_scene
+from workcell.model.scene import robot_scene
 from workcell.motion.path import Path, Trajectory, stationary
 from workcell.motion.timing.retime import retime
 from workcell.motion.tool_paths.follow import follow, line
@@ -283,14 +283,3 @@ def test_a_robot_without_a_gripper_can_not_grasp(tmp_path):
     sim = Simulation(robot_scene("sawyer"))
     with pytest.raises(ModelError, match="no gripper"):
         sim.move_gripper(0.0)
-
-
-def test_position_servos_are_refused(tmp_path):
-    path = tmp_path / "servo.xml"
-    path.write_text(
-        """<mujoco><worldbody><body name="arm"><joint name="a" axis="0 0 1" range="-1 1" limited="true"/>
-        <geom size="0.1"/><site name="tool" pos="0.2 0 0"/></body></worldbody>
-        <actuator><position name="a" joint="a" kp="10"/></actuator></mujoco>"""
-    )
-    with pytest.raises(ModelError, match="not a torque motor"):
-        Simulation(Scene.load(path))

@@ -18,6 +18,7 @@ _PROVIDERS = (
     "workcell.bench.ik.hjcd_mmd",
     "workcell.bench.ik.branch",
     "workcell.bench.ik.nearly",
+    "workcell.bench.ik.repeat",
     "workcell.bench.motion.plans",
     "workcell.bench.motion.plans_optimal",
     "workcell.bench.motion.proofs",

@@ -76,6 +76,8 @@ def check(options: argparse.Namespace) -> int:
         tell(f"{contents['file']}: {contents['kind']}")
         for line in contents["contents"]:
             tell(f"  {line}")
+        for line in contents.get("beware", ()):
+            tell(f"  BEWARE  {line}")
         for line in problems:
             tell(f"  WRONG  {line}")
         tell("nothing wrong" if not problems else f"{len(problems)} thing(s) wrong")
@@ -111,27 +113,37 @@ def _check_model(name: str) -> dict[str, Any]:
 
 def _check_robot(name: str) -> dict[str, Any]:
     from workcell.model.loading.assets import find_asset
-    from workcell.model.loading.compiled import is_gripper, robot_from_model
+    from workcell.model.loading.compiled import is_gripper
     from workcell.model.loading.load import compile_spec, load_spec
+    from workcell.model.scene import robot_scene
 
     path = find_asset("robots", name)
     model = compile_spec(load_spec(path), path)
     if is_gripper(model):
         sites = ", ".join(model.site(site).name for site in range(model.nsite))
         return {"file": name, "kind": "gripper", "contents": [f"tools {sites}"], "problems": []}
-    robot = robot_from_model(model, name=name, where=path)
-    return {"file": name, "kind": "robot", "contents": _robot_lines(robot), "problems": []}
+    scene = robot_scene(name)
+    return _found(scene, name, "robot", _robot_lines(scene.robot().robot), [])
+
+
+def _found(scene: Scene, file: str, kind: str, lines: list[str], problems: list[str]) -> dict[str, Any]:
+    """What `check` says: `lines`, and everything that the inspection finds."""
+    from workcell.inspection.findings import texts
+    from workcell.inspection.inspect import inspect_scene
+
+    findings = inspect_scene(scene)
+    return {
+        "file": file,
+        "kind": kind,
+        "contents": [*lines, *texts(findings, "fact")],
+        "beware": texts(findings, "beware"),
+        "problems": [*problems, *texts(findings, "wrong")],
+        "findings": [finding.to_json() for finding in findings],
+    }
 
 
 def _robot_lines(robot: Robot) -> list[str]:
     lines = [f"{robot.name}: {robot.dof} joints, reach {robot.reach():.3f} m, tools {', '.join(robot.tools)}"]
-    for k, joint in enumerate(robot.joint_names):
-        unit = "m" if robot.slides[k] else "rad"
-        lines.append(
-            f"{joint}: [{robot.lower[k]:.4f}, {robot.upper[k]:.4f}] {unit}, "
-            f"velocity {robot.velocity[k]:g}, effort {robot.effort[k]:g}"
-        )
-    lines += _followers(robot)
     unlimited = [
         joint for joint, limit in zip(robot.joint_names, robot.acceleration, strict=True) if limit == math.inf
     ]
@@ -144,27 +156,13 @@ def _robot_lines(robot: Robot) -> list[str]:
     return lines
 
 
-def _followers(robot: Robot) -> list[str]:
-    """A line for each joint that follows another."""
-    coupling = robot.coupling
-    if coupling is None:
-        return []
-    lines = []
-    for k in coupling.followers:
-        leader, row = robot.joint_names[coupling.variable[k]], coupling.coefficients[k]
-        powers = ["", f" {leader}", *(f" {leader}^{i}" for i in range(2, len(row)))]
-        terms = [f"{c:g}{power}" for c, power in zip(row, powers, strict=True) if c]
-        lines.append(f"{robot.all_joint_names[k]}: follows, {' + '.join(terms) or '0'}")
-    return lines
-
-
 def _check_scene(name: str) -> dict[str, Any]:
     from workcell.model.scene import Scene
 
     scene = Scene.load(name)
     if scene.path.suffix != ".toml" and len(scene.robots) == 1 and not scene.obstacles:
         lines = _robot_lines(replace(scene.robot().robot, name=scene.name))
-        return {"file": name, "kind": "robot", "contents": lines, "problems": _scene_problems(scene)}
+        return _found(scene, name, "robot", lines, _scene_problems(scene))
     lines = [f"obstacles: {', '.join(scene.obstacles) or 'none'}"]
     lines += [
         f"object {thing.name}: {'free' if thing.qpos_address is not None else 'fixed'}"
@@ -179,7 +177,7 @@ def _check_scene(name: str) -> dict[str, Any]:
         f"goal {goal.name}: {goal.robot} at {_numbers(goal.pose.position)} quat {_numbers(goal.pose.quat_wxyz)}"
         for goal in scene.goals.values()
     ]
-    return {"file": str(scene.path), "kind": "scene", "contents": lines, "problems": _scene_problems(scene)}
+    return _found(scene, str(scene.path), "scene", lines, _scene_problems(scene))
 
 
 def _scene_problems(scene: Scene) -> list[str]:

@@ -1,4 +1,4 @@
-"""How `solve` runs solvers in turns: each for its share of the budget, until one gives an answer that holds."""
+"""How `solve` runs solvers in turns, each for a counted amount of work, until one gives an answer that holds."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from workcell import clock
 from workcell.errors import WorkcellError
 from workcell.ik.certificate import Certificate
 from workcell.ik.check import STATUS_OF_SCOPE, check_certificate
@@ -35,9 +36,9 @@ class Resumed:
     def __call__(self, problem: IKProblem, budget: Budget, seed: int) -> Candidate:
         """Search on for as long as the budget says."""
         del seed
-        deadline = time.process_time() + budget.cpu_s
+        deadline = clock.cpu_seconds() + budget.cpu_s
         self._search = self._search or self._begin(problem)
-        candidate: Candidate = self._search.run(deadline, budget.threads)
+        candidate: Candidate = self._search.run(deadline, budget)
         return candidate
 
 
@@ -49,7 +50,7 @@ class Portfolio:
     name: str
     budget: Budget
     seed: int
-    started_cpu: float = field(default_factory=time.process_time)
+    started_cpu: float = field(default_factory=clock.cpu_seconds)
     started: float = field(default_factory=time.perf_counter)
     stats: dict[str, float] = field(default_factory=dict)
     rejected: list[str] = field(default_factory=list)
@@ -62,21 +63,22 @@ class Portfolio:
         """The first answer that holds."""
         if self.budget.cpu_s == 0:
             return self._result(Status.NOT_FOUND, self.name)
-        completed = 0
+        completed, effort = 0, np.inf if self.budget.effort is None else self.budget.effort
         for order, turn in enumerate(turns):
-            entry, left = SOLVERS[turn.solver], turn.share * self.budget.cpu_s - self._spent()
-            if self.budget.iterations is None or not entry.counts_restarts:
-                left = min(left, turn.seconds)
+            entry, left = SOLVERS[turn.solver], self.budget.cpu_s - self._spent()
             if self.problem.robot.coupling is not None and not entry.couples:
                 continue
-            if (turn.seconds > 0 and left <= 0) or entry.is_futile(turn, self._progress()):
+            work = min(turn.effort, effort)
+            if (turn.effort > 0 and (left <= 0 or work <= 0)) or entry.is_futile(turn, self._progress()):
                 continue
-            budget = replace(self.budget, cpu_s=max(left, 0.0))
+            effort -= work
+            budget = replace(self.budget, cpu_s=max(left, 0.0), effort=work if np.isfinite(work) else None)
             candidate = self._call(turn.solver, budget, self.seed + 7919 * order)
             completed += candidate.error is None
             result = self._answer(turn.solver, candidate)
             if result is not None:
                 return result
+        self.stats["timed_out"] = float(self._spent() >= self.budget.cpu_s)
         if self.in_model is not None:
             solver_name, certificate = self.in_model
             return self._result(Status.BLOCKED_IN_MODEL, solver_name, certificate=certificate)
@@ -88,16 +90,16 @@ class Portfolio:
         return Progress(self.problem, self.stats, None if self.in_model is None else self.in_model[0])
 
     def _spent(self) -> float:
-        return time.process_time() - self.started_cpu
+        return clock.cpu_seconds() - self.started_cpu
 
     def _prepare(self, name: str) -> Solver:
         """A turn's solver, ready to go; the clocks are set on by what importing and compiling takes."""
-        entry, cpu, wall = SOLVERS[name], time.process_time(), time.perf_counter()
+        entry, cpu, wall = SOLVERS[name], clock.cpu_seconds(), time.perf_counter()
         goes_on = self.name == AUTO and entry.resumes
         solver: Solver = self._resumed(name, entry.resumes) if goes_on else entry.solver()
         if entry.prepare:
             load(entry.prepare)(self.problem)
-        self.started_cpu += time.process_time() - cpu
+        self.started_cpu += clock.cpu_seconds() - cpu
         self.started += time.perf_counter() - wall
         return solver
 
@@ -139,8 +141,7 @@ class Portfolio:
             self.errors.append(candidate.error)
             self.rejected.append(f"{name} failed: {candidate.error}")
         if candidate.q is not None:
-            q = self._into_limits(candidate.q)
-            verdict = verify(self.problem, q)
+            q, verdict = self._judged(candidate.q)
             words = "accepted" if verdict.accepted else "; ".join(verdict.reasons)
             self.log.add("verify", note=words, solver=name)
             if verdict.accepted:
@@ -149,6 +150,15 @@ class Portfolio:
         if candidate.certificate is not None:
             return self._proof(name, candidate.certificate)
         return None
+
+    def _judged(self, proposed: Array) -> tuple[Array, Verification]:
+        """A proposed configuration, in whole turns near to where the robot stands if the judge accepts it so."""
+        q = self._into_limits(proposed)
+        if q.shape == (self.problem.robot.dof,) and np.isfinite(q).all():
+            turned = self._into_limits(self.problem.unwrapped(q))
+            if not np.array_equal(turned, q) and (verdict := verify(self.problem, turned)).accepted:
+                return turned, verdict
+        return q, verify(self.problem, q)
 
     def _proof(self, name: str, certificate: Certificate) -> IKResult | None:
         # a solver's yes is a configuration, which the judge looks at

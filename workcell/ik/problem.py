@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol, get_args
 
 import numpy as np
@@ -48,16 +48,30 @@ class Tolerances:
 class Budget:
     """How much a solver may spend on one problem.
 
+    Seconds end a query, and decide nothing else; work is counted. So a query that ends before its seconds do has the
+    same answer on every machine and at any load, and `effort` ends it at the same place everywhere.
+
     Attributes:
         cpu_s: seconds of the process's CPU time, or fewer.
-        threads: branch and bound makes use of several; the other solvers work on one.
-        iterations: random starts that a sampling solver may make in a turn; None: as many as there is time for. With
-            it, and time enough, what sampling finds is the same on every machine.
+        threads: branch and bound makes use of several; the other solvers work on one. An answer may depend on how many.
+        iterations: random starts that a sampling solver may make in a turn; None: as many as its turn has.
+        effort: work to be done at most: what takes so many seconds, about, on one quiet core. Each solver counts in its
+            own units: random starts, boxes of branch and bound, cone programs. None: only the seconds end a query.
     """
 
     cpu_s: float = 5.0
     threads: int = 1
     iterations: int | None = None
+    effort: float | None = None
+
+    def shared(self, among: int) -> Budget:
+        """One of so many equal parts of it."""
+        effort = None if self.effort is None else self.effort / among
+        return replace(self, cpu_s=self.cpu_s / among, effort=effort)
+
+    def work(self, a_second: float) -> float:
+        """The effort in a solver's units, of which a quiet core does so many a second; inf: no bound."""
+        return float("inf") if self.effort is None else float(np.ceil(self.effort * a_second))
 
     def __post_init__(self) -> None:
         if not 0 <= self.cpu_s <= sys.float_info.max:  # whole numbers may be larger than any float
@@ -68,11 +82,21 @@ class Budget:
             raise InputError(
                 f"{self.threads!r} threads make no sense", where="budget", remedy="a whole number >= 1"
             )
+        if self.effort is not None and not self.effort >= 0:
+            raise InputError(
+                f"an effort of {self.effort} makes no sense", where="budget", remedy="0 or more, or None"
+            )
         most = self.iterations
         if most is not None and (isinstance(most, bool) or not isinstance(most, int) or most < 1):
             raise InputError(
                 f"{most!r} iterations make no sense", where="budget", remedy="a whole number >= 1, or None"
             )
+
+
+ITSELF = "the robot itself"
+"""The name by which `IKProblem.without` knows the robot's collisions with itself."""
+POSE_BUDGET = Budget(60.0, effort=5.0)
+"""For one pose of something longer. Work ends it, so that what comes after it is the same at any load."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +176,8 @@ class IKProblem:
         tool_pose: where the compiled model has the tool at a configuration, for `verify`, which then asks both it and
             its own kinematics; None: its own alone.
         q_reference: a configuration to stay near, and from which `max_step` is measured; None: anywhere.
+        q_near: where the robot stands: of configurations that differ by whole turns, answers are the nearest to it that
+            the limits allow; no solver begins there. None: to `q_reference`, where there is one.
         max_step: largest change of each joint against `q_reference` (scalar or (n,)), radians; None: no bound.
         max_link_rotation: bound on the Frobenius change of each link's world rotation (r_b in Eq. 75 of
             IKSPARK, see `workcell.ik.ikspark.solver`); None: no bound.
@@ -161,8 +187,9 @@ class IKProblem:
         inner: turns this question into one about a model inside the geometry that `checker` knows (a cover of kind
             `inner` among obstacles that collide with all of it), for proofs that hold of that geometry; None: there
             is none.
-        without: turns this question into one with some obstacles (by name) out of the way, for `checker` too; None:
-            it is enough to leave out their pieces.
+        without: turns this question into one with some obstacles (by name) out of the way, for `checker` too, and
+            without collisions of the robot with itself where `ITSELF` is among the names; None: it is enough to leave
+            out their pieces, and `self_collision`.
     """
 
     robot: Robot
@@ -173,6 +200,7 @@ class IKProblem:
     checker: CollisionChecker | Callable[[Array], Clearance] | None = None
     tool_pose: Callable[[Array], Pose] | None = None
     q_reference: Array | None = None
+    q_near: Array | None = None
     max_step: Array | float | None = None
     max_link_rotation: float | None = None
     tolerances: Tolerances = field(default_factory=Tolerances)
@@ -204,9 +232,9 @@ class IKProblem:
                 where="robot",
                 remedy="choose a tool on the last link, or pass robot.chain(tool), the joints up to the tool",
             )
-        if self.q_reference is not None:
-            reference = self.robot.configuration(self.q_reference, where="q_reference")
-            object.__setattr__(self, "q_reference", read_only(reference))
+        for name in ("q_reference", "q_near"):
+            if (given := getattr(self, name)) is not None:
+                object.__setattr__(self, name, read_only(self.robot.configuration(given, where=name)))
         if self.max_step is not None:
             if self.q_reference is None:
                 raise InputError("max_step needs q_reference", where="max_step")
@@ -254,6 +282,11 @@ class IKProblem:
         if self.inner is None or self.cover is None or self.checker is None:
             return None
         return self.inner(self)
+
+    def unwrapped(self, q: Array) -> Array:
+        """A configuration (n,) with its joints whole turns nearer to where the robot stands, where that is known."""
+        near = self.q_reference if self.q_near is None else self.q_near
+        return q if near is None else self.robot.unwrap(q, near)
 
     @property
     def T_base_tool(self) -> Pose:

@@ -27,23 +27,24 @@ AUTO_HELP = "the others in turns, until an answer or a proof holds"
 WHOLE_POSES: tuple[Goal, ...] = ("pose",)
 ALL_GOALS: tuple[Goal, ...] = ("pose", "position", "axis")
 _FOREVER = float("inf")
+_ROUNDS = 12
+"""Rounds of long turns in the portfolio, each twice as long as the one before: of some minutes all together."""
 
 
 @dataclass(frozen=True, slots=True)
 class Turn:
     """A solver's turn in the portfolio.
 
-    It ends `seconds` (CPU) after it began, and when `share` of the budget is spent.
+    Attributes:
+        solver: whose turn it is.
+        effort: the work after which it ends, in the seconds that it takes on a quiet core. It is counted and not timed
+            (`Budget.effort`), so that whose turn is next depends on no clock.
+        short: whether a longer one follows.
     """
 
     solver: str
-    share: float = 1.0
-    seconds: float = _FOREVER
-
-    @property
-    def is_short(self) -> bool:
-        """Whether it ends by its own seconds, so that a longer turn may follow."""
-        return self.seconds < _FOREVER
+    effort: float = _FOREVER
+    short: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +79,7 @@ class SolverEntry:
         prepare: "module:function" that takes the problem and compiles (or loads, or makes once for a scene) what the
             solver needs: no query's budget pays for that.
         resumes: "module:class" of a search that goes on where its last turn ended: made of a problem, with
-            `run(deadline, threads)`; empty: every turn begins anew.
-        counts_restarts: whether `Budget.iterations`, where given, ends its turns, and not their seconds.
+            `run(deadline, budget)`; empty: every turn begins anew.
         is_futile: whether a turn can't find out more.
         plans: whether tasks can be planned with it (`--planner`): it alone answers every step of a tool path.
         listed: whether users can name it.
@@ -94,7 +94,6 @@ class SolverEntry:
     couples: bool = True
     prepare: str = ""
     resumes: str = ""
-    counts_restarts: bool = False
     is_futile: Callable[[Turn, Progress], bool] = _never
     plans: bool = False
     listed: bool = True
@@ -128,7 +127,7 @@ def load(name: str) -> Any:
 
 def _sampled_enough(turn: Turn, progress: Progress) -> bool:
     """A short search that has seen all that short ones can."""
-    return turn.is_short and progress.stats.get("hjcd.exhausted", 0.0) > 0.0
+    return turn.short and progress.stats.get("hjcd.exhausted", 0.0) > 0.0
 
 
 def _searched_through(turn: Turn, progress: Progress) -> bool:
@@ -138,7 +137,7 @@ def _searched_through(turn: Turn, progress: Progress) -> bool:
 
 def _not_yet_inside(turn: Turn, progress: Progress) -> bool:
     """Inside is only asked where the model around the geometry is known to be too large, or time gets short."""
-    return progress.problem.inner is None or (progress.blocked_in_model_by is None and turn.is_short)
+    return progress.problem.inner is None or (progress.blocked_in_model_by is None and turn.short)
 
 
 SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
@@ -155,7 +154,6 @@ SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
             run="workcell.ik.hjcd.solver:solve_hjcd",
             work="sampling",
             prepare="workcell.ik.hjcd.solver:prepare",
-            counts_restarts=True,
             is_futile=_sampled_enough,
         ),
         "branch": SolverEntry(
@@ -180,7 +178,6 @@ SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
             help="local search from random starts, the baseline",
             run="workcell.ik.multistart.solver:solve_multistart",
             work="local search",
-            counts_restarts=True,
         ),
         "ikspark": SolverEntry(
             help="convex: lifted rotations driven to rank 1, with proofs",
@@ -246,23 +243,32 @@ def auto_turns(dof: int, goal: Goal) -> tuple[Turn, ...]:
     """Turns of `auto`.
 
     Nearly all problems that have a solution fall to the first samples, nearly all others to branch and bound,
-    which ends in a proof; what resists both gets longer turns of either, so that neither waits for the other.
+    which ends in a proof; what resists both gets longer and longer turns of everybody, so that nobody waits long for
+    the others.
     """
     if goal not in WHOLE_POSES:
         return (Turn("branch"),)
     return (
-        Turn("elementary", seconds=0.0),
-        # Six joints have few configurations: one millisecond tells, and branch and bound needs but a few more.
-        Turn("hjcd", seconds=0.001 if dof <= 6 else 0.002),
-        Turn("branch", seconds=0.01),
-        Turn("hjcd", seconds=0.004),
-        Turn("branch", seconds=0.06),
-        Turn("hjcd", seconds=0.02),
-        Turn("inside", seconds=1.0),
-        Turn("branch", share=0.6),
-        Turn("inside", share=0.75),
-        Turn("ikspark", share=0.85),
+        Turn("elementary", 0.0),
+        # Six joints have few configurations: two milliseconds tell, and branch and bound needs but a few more.
+        Turn("hjcd", 0.002 if dof <= 6 else 0.003, short=True),
+        Turn("branch", 0.01, short=True),
+        Turn("hjcd", 0.006, short=True),
+        Turn("branch", 0.06, short=True),
+        Turn("hjcd", 0.03, short=True),
+        Turn("inside", 1.0, short=True),
+        *(turn for k in range(_ROUNDS) for turn in _long_turns(2.0**k)),
         Turn("hjcd"),
+    )
+
+
+def _long_turns(scale: float) -> tuple[Turn, ...]:
+    """One after the other, in the shares that their chances are worth."""
+    return (
+        Turn("branch", 0.2 * scale),
+        Turn("inside", 0.1 * scale),
+        Turn("ikspark", 0.04 * scale),
+        Turn("hjcd", 0.05 * scale),
     )
 
 

@@ -53,8 +53,8 @@ _SENTENCES = {
     Status.SOLVED: "A configuration that reaches the target was found and independently verified.",
     Status.UNREACHABLE: "Kinematics alone forbids the target: no configuration within the joint limits reaches it. "
     "Move the target or the robot's base, or widen the joint limits.",
-    Status.BLOCKED: "Obstacles forbid the target: no configuration that reaches it has the clearance that its proof "
-    "names. Move the target or an obstacle.",
+    Status.BLOCKED: "Obstacles, or the robot itself, forbid the target: no configuration that reaches it has the "
+    "clearance that its proof names. Move the target or an obstacle.",
     Status.BLOCKED_IN_MODEL: "No configuration exists in the conservative model (outer spheres, inner free space); "
     "the real geometry may still allow one. Use a finer sphere cover or more free-space cuboids.",
     Status.NOT_FOUND: "The budget was spent without a solution and without a proof that there is none. "

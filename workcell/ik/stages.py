@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+
+from workcell import clock
 
 KEPT = 100
 """Stages of one query, from its beginning and from its end, that are kept one by one; those between are added up."""
@@ -50,7 +51,7 @@ class StageLog:
         self._first: list[SolverStage] = []
         self._last: deque[SolverStage] = deque()
         self._between, self._between_cpu_s = 0, 0.0
-        self._since = time.process_time()
+        self._since = clock.cpu_seconds()
 
     def add(
         self,
@@ -62,7 +63,7 @@ class StageLog:
         solver: str = "",
     ) -> None:
         """The stage that has just ended."""
-        now = time.process_time()
+        now = clock.cpu_seconds()
         self._append(SolverStage(name, now - self._since, gap, note, numbers or {}, solver))
         self._since = now
 
@@ -87,7 +88,7 @@ class StageLog:
             self._append(SolverStage("set-up", besides, solver=solver))
         for stage in stages:
             self._append(replace(stage, solver=stage.solver or solver))
-        self._since = time.process_time()
+        self._since = clock.cpu_seconds()
 
     def _append(self, stage: SolverStage) -> None:
         if len(self._first) < KEPT:

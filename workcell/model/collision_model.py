@@ -138,6 +138,14 @@ class CollisionModel:
         if loops is not None and loops.loops:
             self._passive = PassivePairs(self._model, self.robot, pairs, links)
 
+    def without_own(self) -> CollisionModel:
+        """The same model without the pairs of two of the robot's own geoms, what it carries among them."""
+        carriers = set(self.robot.body_ids) | (self._attached.body_ids if self._attached else set())
+        own = np.isin(self._model.geom_bodyid, list(carriers))
+        smaller = copy.copy(self)
+        smaller._look_at(self._pairs[~own[self._pairs].all(axis=1)])
+        return smaller
+
     @property
     def tolerance(self) -> float:
         """Metres by which distances between convex shapes may be off: MuJoCo's solver stops there."""

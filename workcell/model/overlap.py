@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from workcell.model.collision_model import CollisionModel
 from workcell.model.scene import Scene
+from workcell.model.scene_parts import SceneRobot
 
 
 def start_overlap(scene: Scene, robot: str) -> tuple[str, str] | None:
@@ -13,12 +14,24 @@ def start_overlap(scene: Scene, robot: str) -> tuple[str, str] | None:
     if start.distance >= 0:
         return None
     first, second = start.pair
-    remedy = "give a clear start, or move what it stands in"
-    bodies = [int(scene.model.geom_bodyid[geom]) for geom in start.geoms]
-    if actor.own_ids.issuperset(bodies):
-        a, b = (scene.model.body(body).name.removeprefix(actor.prefix) for body in bodies)
-        remedy = (
-            "give a start without it; links that are meant to overlap are excluded in the robot's file: "
-            f'<contact><exclude body1="{a}" body2="{b}"/></contact>'
-        )
-    return f"{first} and {second} overlap by {-1e3 * start.distance:.1f} mm", remedy
+    told = f"{first} and {second} overlap by {-1e3 * start.distance:.1f} mm"
+    a, b = start.geoms
+    return told, f"give a clear start{remedy(scene, actor, (a, b))}"
+
+
+def remedy(scene: Scene, robot: SceneRobot, geoms: tuple[int, int]) -> str:
+    """What can be done about two geoms that overlap, to go behind what does, in a format that can hold it."""
+    model = scene.model
+    bodies = [int(model.geom_bodyid[g]) for g in geoms]
+    if not robot.own_ids.issuperset(bodies):
+        return "; move the robot, or what it stands in"
+    names = [model.body(body).name.removeprefix(robot.prefix) for body in bodies]
+    exclude = '<contact><exclude body1="{}" body2="{}"/></contact>'
+    if robot.source is not None and robot.source.suffix.lower() != ".urdf":
+        return f"; if they are meant to overlap, write into {robot.source.name}: {exclude.format(*names)}"
+    prefixed = exclude.format(*(f"NAME/{name}" for name in names))
+    return (
+        "; if they are meant to overlap: a URDF can't hold an exclusion, so make one collision shape smaller or leave "
+        f"it out, or write into the cell in which the robot is mounted as NAME: {prefixed}, or keep the robot as MJCF "
+        f"(mujoco.MjSpec.from_file(...).to_xml()) and write into that: {exclude.format(*names)}"
+    )

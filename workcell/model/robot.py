@@ -9,6 +9,7 @@ place them of the m joints; n = m otherwise.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -21,6 +22,7 @@ from workcell.identity_cache import ByIdentity
 from workcell.model.coupling import Coupling, value_range
 from workcell.pose import Array, Pose, axis_angle_to_matrix, read_only
 
+_TURN = 2 * np.pi
 LIMIT_SLACK = 1e-6
 """Radians (metres) by which a configuration may exceed its limits and still count as inside them."""
 
@@ -251,14 +253,42 @@ class Robot:
         return inside
 
     def unwrap(self, q: ArrayLike, reference: ArrayLike | None = None) -> Array:
-        """Move revolute angles by whole turns into their limits; with a reference, to the allowed turn nearest it."""
+        """Move revolute angles by whole turns into their limits; with a reference, to the allowed turn nearest it.
+
+        Links stay where they are: what doesn't repeat after a turn (`repeats`) keeps its value. Angles (..., n) that no
+        turn brings into the limits come nearest to the reference, or to the middle of the limits.
+        """
         q = np.array(q, dtype=float)
         centre = 0.5 * (self.lower + self.upper) if reference is None else np.asarray(reference, dtype=float)
-        turn = 2 * np.pi
-        near = q - turn * np.round((q - centre) / turn)
-        near = np.where(near < self.lower - LIMIT_SLACK, near + turn, near)
-        near = np.where(near > self.upper + LIMIT_SLACK, near - turn, near)
-        return np.where(self.repeats, near, q)
+        wanted = np.round((centre - q) / _TURN)
+        least, most = self._allowed_turns(q)
+        within = np.clip(q + _TURN * np.clip(wanted, least, most), self.lower, self.upper)
+        turned = np.where(least <= most, within, q + _TURN * wanted)
+        return np.where(self.repeats & (np.abs(turned - q) > 1.0), turned, q)
+
+    def _allowed_turns(self, q: Array) -> tuple[Array, Array]:
+        """The least and the largest number of whole turns (..., n) by which angles stay in their limits, with slack."""
+        least = np.ceil((self.lower - LIMIT_SLACK - q) / _TURN)
+        return least, np.floor((self.upper + LIMIT_SLACK - q) / _TURN)
+
+    def turns(self, q: ArrayLike, reference: ArrayLike, most: int = 64) -> Array:
+        """Up to `most` configurations (k, n) with all links where q (n,) has them, within the limits.
+
+        They differ by whole turns of joints; the nearest to the reference (n,) comes first. A q that no turn brings
+        into the limits is its only one.
+        """
+        first = self.unwrap(q, reference)
+        least, largest = self._allowed_turns(first)
+        ranges = [
+            range(int(low), int(high) + 1) if repeats and low <= 0 <= high else range(1)
+            for repeats, low, high in zip(self.repeats, least, largest, strict=True)
+        ]
+        # of very many the nearest of each joint are enough
+        near = [sorted(numbers, key=abs)[: 3 if len(ranges) > 6 else 5] for numbers in ranges]
+        whole = _TURN * np.array(list(itertools.product(*near)), dtype=float)
+        rows = np.where(whole == 0.0, first, np.clip(first + whole, self.lower, self.upper))
+        away = np.linalg.norm(rows - np.asarray(reference, dtype=float), axis=1)
+        return rows[np.argsort(away, kind="stable")[:most]]
 
     def random_configuration(self, rng: np.random.Generator, size: int | None = None) -> Array:
         """Uniform in the limits: (n,), or (size, n)."""

@@ -39,6 +39,7 @@ class SceneRobot:
         joint_qpos_addresses, joint_dof_addresses: (m,) of all its joints, those that follow included; empty: n = m.
         riders: (address in qpos, value) of its guests' joints as the scene begins.
         loops: its joints that nothing drives, and what determines them; None: nobody has looked.
+        source: the file that it came from; None: not known.
     """
 
     name: str
@@ -59,6 +60,7 @@ class SceneRobot:
     guest_ids: frozenset[int] = frozenset()
     riders: tuple[tuple[int, float], ...] = ()
     loops: Loops | None = None
+    source: Path | None = None
 
     @property
     def own_ids(self) -> frozenset[int]:

@@ -19,12 +19,9 @@ from workcell.files import parse_json, regular_text
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.problem import IKProblem
 from workcell.model.robot import LIMIT_SLACK, Robot, serial_robot
-from workcell.pose import Array, Pose, read_only
+from workcell.pose import UNIT_TOLERANCE, Array, Pose, read_only
 
 FORMAT = "workcell-ikset/1"
-
-_UNIT_TOLERANCE = 1e-6
-"""Largest departure from unit length of a quaternion or an axis: what a file with seven digits may have."""
 
 _LARGEST = 1e6
 """Metres or radians beyond which a number can only be a mistake (and arithmetic loses digits)."""
@@ -258,9 +255,11 @@ class _Element:
     def unit(self, size: int) -> list[float]:
         values = self.numbers(size)
         length = math.sqrt(sum(value * value for value in values))
-        if abs(length - 1) > _UNIT_TOLERANCE:
+        if abs(length - 1) > UNIT_TOLERANCE:
             kind = "quaternion [w, x, y, z]" if size == 4 else "axis"
-            raise self.error(f"the {kind} {values} has length {length:.7g}", "a unit vector, to 1e-6")
+            raise self.error(
+                f"the {kind} {values} has length {length:.7g}", f"a unit vector, to {UNIT_TOLERANCE:g}"
+            )
         return [value / length for value in values]
 
     def pose(self) -> Pose:

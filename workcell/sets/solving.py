@@ -7,7 +7,7 @@ import hashlib
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -194,6 +194,7 @@ class _Task:
 
     def line(self, index: int) -> dict[str, Any]:
         named = self.problems[index]
-        result: IKResult = solve(named.problem, self.solver, self.budget, problem_seed(self.seed, named.id))
+        problem = named.problem if named.start is None else replace(named.problem, q_near=named.start)
+        result: IKResult = solve(problem, self.solver, self.budget, problem_seed(self.seed, named.id))
         own = certify_solution(named.problem, result.q) if result.solved and result.q is not None else None
         return answer_line(named.id, result, self.certificates, own)

@@ -157,7 +157,7 @@ class Arm:
         """Set the motors for one step; returns the torques (n,) and whether a joint has just reached its limit."""
         q, qd, qdd, _ = wanted
         torque, saturated = self.controller.torque(qpos, data.qvel, q, qd, qdd)
-        data.ctrl[self.robot.actuator_ids] = self.controller.arm.command(torque)
+        data.ctrl[self.robot.actuator_ids] = self.controller.arm.command(torque, data.qpos, data.qvel)
         self.reference = q
         just, self.saturated = saturated and not self.saturated, saturated
         return torque, just

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from workcell.errors import ModelError
-from workcell.model.loading.actuators import actuator_of_joint, is_motor
+from workcell.model.loading.actuators import actuator_of_joint, is_motor, undriven_because
 from workcell.model.scene_parts import SceneRobot
 from workcell.pose import Array, matrix_to_quat
 from workcell.simulate.imperfections import Imperfections
@@ -28,15 +29,14 @@ class ArmModel:
 
     Args:
         model: the simulated model; it is copied.
-        robot: the robot to control; its actuators must be torque motors.
+        robot: the robot to control; by motors, or by position or velocity servos, which are told what makes a torque.
         imperfections: errors of the believed masses; None: the truth.
 
     Attributes:
-        gear: (n,) joint torque for a control value of one.
         effort: (n,) largest torques.
 
     Raises:
-        ModelError: an actuator that is not a plain motor.
+        ModelError: an actuator that no torque can be asked of.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class ArmModel:
         self._model.opt.disableflags |= bits.mjDSBL_CONTACT | bits.mjDSBL_EQUALITY | bits.mjDSBL_LIMIT
         self._data = mujoco.MjData(self._model)
         self._robot, self._dofs = robot, robot.joint_dof_addresses
-        self.gear = _motor_gears(model, robot)
+        self._drives = _Drives.of(model, robot)
         self.effort = np.array(robot.robot.effort)
         for body, factor in self._imperfections.link_factors(robot.body_ids).items():
             self._model.body_mass[body] *= factor
@@ -86,11 +86,19 @@ class ArmModel:
         forces: Array = data.qfrc_inverse
         return forces if loops is None else loops.transmitted(data.qpos, forces)
 
-    def command(self, torque: Array) -> Array:
-        """(n,) control values for torques where `inverse` was asked last; what they compensate, they do unasked."""
+    def command(self, torque: Array, qpos: Array, qvel: Array) -> Array:
+        """(n,) control values for torques where `inverse` was asked last; what they compensate, they do unasked.
+
+        Args:
+            torque: (n,) of the joints.
+            qpos, qvel: raw state of the whole scene, as the actuators' own sensors have it.
+        """
         unasked = np.where(self._compensated, self._data.qfrc_gravcomp[self._dofs], 0.0)
-        values: Array = (torque - self._robot.robot.variable_forces(self._q, unasked)) / self.gear
-        return values
+        wanted = torque - self._robot.robot.variable_forces(self._q, unasked)
+        own = self._robot.dof_addresses
+        return self._drives.controls(
+            wanted, qpos[self._robot.qpos_addresses], qvel[own], self._data.qacc[own]
+        )
 
     def _lift(self) -> Array:
         """(m,) torques of the weight that what is carried has compensated, where `inverse` was asked last."""
@@ -203,15 +211,56 @@ def combined_inertia(masses: Array, centres: Array, inertias: Array) -> tuple[fl
     return mass, centre, total
 
 
-def _motor_gears(model: mujoco.MjModel, robot: SceneRobot) -> Array:
+@dataclass(frozen=True, slots=True)
+class _Drives:
+    """How the actuators of an arm turn control values into torques.
+
+    A torque is `gear (gain ctrl + bias + spring q + damper qd)`.
+
+    Attributes:
+        gear, gain, bias, spring, damper: (n,).
+        implicit: seconds ahead that the integrator takes the dampers into account; 0: it doesn't.
+    """
+
+    gear: Array
+    gain: Array
+    bias: Array
+    spring: Array
+    damper: Array
+    implicit: float
+
+    @staticmethod
+    def of(model: mujoco.MjModel, robot: SceneRobot) -> _Drives:
+        import mujoco
+
+        ids = robot.actuator_ids
+        for actuator in _drives(model, robot):
+            reason = undriven_because(model, actuator)
+            if reason is None and actuator not in ids and not is_motor(model, actuator):
+                reason = "it is a servo of a joint that follows another, and would work against that"
+            if reason is not None:
+                raise ModelError(
+                    f"the actuator {model.actuator(actuator).name!r} can't be driven: {reason}",
+                    remedy="the controllers need <motor>, <position> or <velocity> actuators on the arm's joints",
+                )
+        gear = np.array(model.actuator_gear[ids, 0])
+        affine = (model.actuator_biastype[ids] == int(mujoco.mjtBias.mjBIAS_AFFINE))[:, None]
+        bias, spring, damper = np.where(affine, model.actuator_biasprm[ids, :3], 0.0).T
+        implicit = (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
+        ahead = int(model.opt.integrator) in map(int, implicit)
+        gain = np.array(model.actuator_gainprm[ids, 0])
+        step = float(model.opt.timestep) if ahead else 0.0
+        return _Drives(gear, gain, bias, spring * gear, damper * gear, step)
+
+    def controls(self, torque: Array, q: Array, qd: Array, qdd: Array) -> Array:
+        """(n,) control values that make these torques at q, qd, where the joints are to accelerate by qdd."""
+        soon = qd + self.implicit * qdd
+        values: Array = (torque / self.gear - self.bias - self.spring * q - self.damper * soon) / self.gain
+        return values
+
+
+def _drives(model: mujoco.MjModel, robot: SceneRobot) -> list[int]:
+    """Actuators on the joints of a robot, those that follow others included."""
     joints = model.dof_jntid[robot.joint_dof_addresses]
     drives = (actuator_of_joint(model, int(joint)) for joint in joints)
-    for actuator in (a for a in drives if a is not None):
-        if not is_motor(model, int(actuator)):
-            raise ModelError(
-                f"the actuator {model.actuator(actuator).name!r} is not a torque motor",
-                remedy="the controllers need <motor> actuators on the arm's joints",
-            )
-    ids = robot.actuator_ids
-    gears: Array = model.actuator_gear[ids, 0] * model.actuator_gainprm[ids, 0]
-    return gears
+    return [int(actuator) for actuator in drives if actuator is not None]

@@ -65,12 +65,12 @@ class ComputedTorque:
 
     Args:
         model: the simulated model; it is copied.
-        robot: the robot to control; its actuators must be torque motors.
+        robot: the robot to control, by actuators that torques can be asked of (`ArmModel`).
         gains: feedback.
         imperfections: what it misjudges and mismeasures; None: nothing.
 
     Raises:
-        ModelError: an actuator that is not a plain motor.
+        ModelError: an actuator that no torque can be asked of.
     """
 
     def __init__(

@@ -10,7 +10,7 @@ from typing import NoReturn
 from workcell.errors import InputError
 from workcell.files import write_json_atomic
 from workcell.ik.explain.why_not import explain
-from workcell.ik.problem import IKProblem
+from workcell.ik.problem import POSE_BUDGET, IKProblem
 from workcell.ik.result import IKResult
 from workcell.ik.solve import solve
 from workcell.motion.body import Upright
@@ -50,7 +50,7 @@ class Planning:
     def solve(self, problem: IKProblem, what: str) -> IKResult:
         """A verified configuration; without one the task ends, with any proof and what is in the way."""
         with self.story.asking(what):
-            result = solve(problem, solver=self.planner, seed=self.seed)
+            result = solve(problem, self.planner, POSE_BUDGET, self.seed)
             if not result.solved:
                 self._refuse(problem, result, what)
         first, second = result.clearance.pair
@@ -62,7 +62,9 @@ class Planning:
 
     def _refuse(self, problem: IKProblem, result: IKResult, what: str) -> NoReturn:
         """End the task. What the planner did not find, the portfolio decides; a proof is kept, explained and drawn."""
-        decided = result if result.status.is_impossible else solve(problem, seed=self.seed)
+        decided = (
+            result if result.status.is_impossible else solve(problem, budget=POSE_BUDGET, seed=self.seed)
+        )
         if decided.certificate is None or not decided.status.is_proof:
             because = f" ({'; '.join(result.rejected[:2])})" if result.rejected else ""
             hint = f" {decided.solver} finds one: try --planner auto." if decided.solved else ""
@@ -145,7 +147,7 @@ class Planning:
         """A collision-free joint path between two configurations; without one the task ends with the reason."""
         settings = LOOKING if self.story.trying else MOVING
         with self.story.asking(what, world):
-            found = plan_in_world(world, q_from, q_to, settings=settings, seed=self.seed)
+            found = plan_in_world(world, q_from, q_to, settings=settings, seed=self.seed, turns=False)
         if found.path is None:
             self.story.fail(found.status.value, f"{what}: {found.detail}. {found.status.sentence}")
         self.story.say(

@@ -14,7 +14,7 @@ from workcell.geometry.covers.outer import attached_cover, merge_covers
 from workcell.geometry.free_space.cuboids import biased_seeds, inflate_cuboids, outermost
 from workcell.geometry.pieces import scene_obstacles
 from workcell.geometry.types import FreeSpace, Piece, SphereCover, obstacle_name
-from workcell.ik.problem import IKProblem, Tolerances
+from workcell.ik.problem import ITSELF, IKProblem, Tolerances
 from workcell.model.collision_model import CollisionModel
 from workcell.model.grip import fingers_at, fingers_holding, hand_clearance
 from workcell.model.labels import geom_name, geoms_called, obstacle_label
@@ -179,16 +179,21 @@ class PlanningWorld:
         return replace(self, obstacles=tuple(piece for piece in self.obstacles if piece.geom not in near))
 
     def relaxed(self, problem: IKProblem, names: Collection[str]) -> IKProblem:
-        """A question of this world with some obstacles (`obstacle_name`) out of the way, for all who judge it."""
+        """A question of this world without some obstacles (`obstacle_name`), or `ITSELF`, for all who judge it."""
         model = self.scene.model
         gone = [geom for geom in range(model.ngeom) if obstacle_label(model, geom) in names]
         collision = self.collision.ignoring((), gone)
+        if ITSELF in names:
+            collision = collision.without_own()
         kept = tuple(piece for piece in problem.obstacles if obstacle_name(piece) not in names)
         world = replace(self, obstacles=kept, collision=collision)
         return replace(problem, obstacles=kept, checker=world.clearance, inner=world._inside, free_space=None)
 
     def problem(self, target: Pose, *, q_reference: Array | None = None, margin: float = 0.0) -> IKProblem:
-        """The question: bring the tool to `target`, at least `margin` metres clear of everything."""
+        """The question: bring the tool to `target`, at least `margin` metres clear of everything.
+
+        Answers are in the whole turns of joints that are nearest to where the robot starts (`IKProblem.q_near`).
+        """
         return IKProblem(
             robot=self.robot.robot,
             target=target,
@@ -198,6 +203,7 @@ class PlanningWorld:
             checker=self.clearance,
             tool_pose=self.tool_pose,
             q_reference=q_reference,
+            q_near=self.robot.start,
             tolerances=Tolerances(safety_margin=margin),
             inner=self._inside,
             without=self.relaxed,

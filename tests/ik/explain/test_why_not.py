@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from tests.ik.arms import beads, box, planar
 from workcell.errors import InputError
+from workcell.geometry.types import SphereCover
 from workcell.ik.explain.closest import closest_pose
 from workcell.ik.explain.why_not import explain
 from workcell.ik.judge.verify import verify
@@ -96,3 +98,51 @@ def test_only_a_no_can_be_explained() -> None:
     problem = question(at((0.4, 0.7)))
     with pytest.raises(InputError, match="SOLVED"):
         explain(problem, solve(problem))
+
+
+def test_the_smallest_of_several_sets_is_found() -> None:
+    """Two walls in front, and two joints' limits at fault as well: by deletion alone the larger set might be told."""
+    tight = replace(ARM, lower=np.array([-1.0, -0.2]), upper=np.array([1.0, 0.2]))
+    target = ARM.fk(np.array([1.4, 0.9]))
+    walls = [box(name, (-0.9, -0.9, 0.1 * k), (0.05, 0.05, 0.01)) for k, name in enumerate("abc")]
+    problem = IKProblem(tight, target, tuple(walls), beads(ARM))
+    why = explain(problem, solve(problem))
+    assert why.smallest and why.undecided == 0
+    for size in range(len(why.causes)):
+        for kept in itertools.combinations(why.causes, size):
+            fewer = replace(problem, robot=_freed(tight, kept))
+            assert not solve(fewer).solved, kept
+
+
+def _freed(robot, causes):  # type: ignore[no-untyped-def]
+    names = {cause.name for cause in causes}
+    free = np.array([name in names for name in robot.joint_names])
+    lower, upper = np.where(free, -np.pi, robot.lower), np.where(free, np.pi, robot.upper)
+    return replace(robot, lower=lower, upper=upper)
+
+
+def test_two_walls_are_a_smallest_set_and_said_to_be() -> None:
+    walls = [box(name, on_forearm((0.5, 0.0)), (0.05, 0.05, 0.05)) for name in ("one", "two")]
+    problem = replace(question(at((0.5, 0.0)), *walls), goal="position")
+    why = explain(problem, solve(problem))
+    assert why.smallest and "(no fewer do)" in why.sentence and why.to_json()["smallest"] is True
+    assert "fewer others may do" in replace(why, smallest=False).sentence
+
+
+def test_a_collision_of_the_robot_with_itself_is_no_obstacle() -> None:
+    """A folded arm of three links whose ends meet: nothing else is in the way."""
+    robot = planar((0.4, 0.4, 0.4))
+    q = np.array([0.0, 2.0944, 2.0944])
+    cover = SphereCover(
+        np.array([1, 3]), np.array([[0.05, 0.0, 0.0], [0.4, 0.0, 0.0]]), np.full(2, 0.06), "given"
+    )
+    aside = box("aside", (-2.0, 0.0, 0.0), (0.1, 0.1, 0.1))
+    own = np.array([[0, 1]])
+    problem = IKProblem(robot, robot.fk(q), (aside,), cover, self_collision=own)
+    result = solve(problem)
+    assert result.status is Status.BLOCKED and "the robot itself" in result.status.sentence
+    why = explain(problem, result)
+    assert [cause.kind for cause in why.causes] == ["self-collision"]
+    first, second = (robot.link_names[k] for k in (1, 3))
+    assert "collision with itself" in why.sentence and first in why.sentence and second in why.sentence
+    assert "obstacle" not in why.sentence

@@ -1,6 +1,7 @@
 """Paths to poses: proved, judged by another kernel, the same for a seed; bad starts are named with a way out."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -72,7 +73,6 @@ def test_links_of_the_judge_are_those_of_the_robot(arm7):
 
 
 def test_a_goal_out_of_reach_has_a_status(walled):
-    from dataclasses import replace
 
     far = replace(walled, target=Pose.from_xyz([9.0, 0, 0]))
     plan = plan_to_pose(far, START, budget=Budget(0.5))
@@ -153,14 +153,15 @@ def test_a_search_that_makes_no_sense(planar, planar_cover):
 
 def test_no_path_is_solved_whose_end_the_judge_refuses(walled, monkeypatch):
     """Goals that are clear but miss the target, as a faulty solver might hand them over, end no path."""
-    honest, asked = goals.collect_solutions, []
+    honest, asked = goals.collect, []
 
     def faulty(problem, count, seed, budget):
         asked.append(seed)
         off = 0.01 if len(asked) <= goals.GOALS else 0.0
-        return [q + off for q in honest(problem, count, seed, budget)]
+        found = honest(problem, count, seed, budget)
+        return replace(found, configurations=tuple(q + off for q in found.configurations))
 
-    monkeypatch.setattr(goals, "collect_solutions", faulty)
+    monkeypatch.setattr(goals, "collect", faulty)
     plan = plan_to_pose(walled, START, budget=Budget(5.0), seed=1)
     assert plan.stats["rounds"] > 1
     assert plan.solved and verify(walled, plan.path[-1]).accepted

@@ -212,3 +212,37 @@ def test_an_arm_that_is_too_weak_to_hold_itself_is_named(sawyer_dynamics):
         retime(path, dynamics=dynamics, effort=0.5)
     with pytest.raises(InputError, match="effort limit"):
         retime(path, dynamics=dynamics, effort=0.0)
+
+
+NOISE = [0.0, 1e-12, 1e-9, 1e-7, 1e-6, 1e-5, 1e-4, 5e-4, 9e-4]
+
+
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_a_twin_of_a_waypoint_costs_no_time(arm7, place):
+    """In whatever direction it lies, at an end or in between: there is no way between two such points."""
+    rng = np.random.default_rng(place)
+    corners = np.cumsum(rng.normal(size=(3, 7)) * 0.3, axis=0)
+    limits = (np.full(7, 1.5), np.full(7, 4.0))
+    plain = retime(Path(arm7, corners), *limits)
+    for distance in NOISE:
+        for _ in range(2):
+            direction = rng.normal(size=7)
+            twin = corners[place] + distance * direction / np.linalg.norm(direction)
+            timed = retime(Path(arm7, np.insert(corners, place + (place < 2), twin, axis=0)), *limits)
+            assert timed.duration == pytest.approx(plain.duration, rel=0.02), distance
+            assert_smooth_and_within(timed, *limits)
+    assert np.abs(timed.q[-1] - corners[-1]).max() < 1e-12 and np.abs(timed.q[0] - corners[0]).max() < 1e-12
+
+
+def test_waypoints_close_together_are_passed_within_a_thousandth_of_a_radian(arm7):
+    """A path of very small steps is no heap of twins: it goes where it went, to a fraction of them."""
+    u = np.linspace(0.0, 1.0, 1500)[:, None]
+    points = 0.3 * np.concatenate([np.sin(2 * u), np.cos(2 * u), u, u**2, -u, 0.5 * u, u**3], axis=1)
+    motion = retime(Path(arm7, points), np.full(7, 1.5), np.full(7, 4.0))
+    away = np.linalg.norm(motion.q[::25, None] - points[None], axis=2).min(axis=1)
+    assert away.max() < 1e-3 and np.abs(motion.q[-1] - points[-1]).max() < 1e-12
+
+
+def test_a_motion_smaller_than_what_counts_as_a_twin_is_made(planar):
+    short = line(planar, np.full(planar.dof, 2e-4))
+    assert np.abs(retime(short, 1.0, 1.0).q[-1] - 2e-4).max() < 1e-12

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from workcell.model.loading.load import load_robot
-from workcell.motion.tool_paths.starts import turned_towards, with_turns
+from workcell.motion.tool_paths.starts import with_turns
 
 TURNED = 2 * np.pi - 1.0
 """A whole turn from -1: every joint of the UR10 may do it but the elbow, which ends at half a turn."""
@@ -23,14 +23,14 @@ shares = st.lists(st.floats(0.0, 1.0), min_size=6, max_size=6).map(np.array)
 @given(q=shares, near=shares)
 def test_a_turned_configuration_is_the_same_posture_and_never_further(ur10, q, near):
     q, near = (ur10.lower + share * (ur10.upper - ur10.lower) for share in (q, near))
-    turned = turned_towards(ur10, q, near)
+    turned = ur10.unwrap(q, near)
     assert np.all(turned >= ur10.lower) and np.all(turned <= ur10.upper)
     assert np.allclose(ur10.link_transforms(turned), ur10.link_transforms(q), atol=1e-9)
     assert np.all(np.abs(turned - near) <= np.abs(q - near) + 1e-9)
 
 
 def test_a_turn_beyond_the_limits_is_not_made(ur10):
-    turned = turned_towards(ur10, np.full(6, -1.0), np.full(6, 3.5))
+    turned = ur10.unwrap(np.full(6, -1.0), np.full(6, 3.5))
     assert np.allclose(turned, [TURNED, TURNED, -1.0, TURNED, TURNED, TURNED])
 
 

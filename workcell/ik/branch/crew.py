@@ -6,13 +6,15 @@ so on. So a box taken from the bottom is a tree of its own whose nodes follow al
 
 from __future__ import annotations
 
-import threading
-import time
+import contextlib
+import functools
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 
+from workcell import clock
 from workcell.ik.branch.arrays import Arrays
 from workcell.pose import Array
 
@@ -34,7 +36,7 @@ class Worker:
         from workcell.ik.branch.kernels.obstacles import new_sweep
         from workcell.ik.branch.kernels.state import new_state
 
-        self._search, self._arrays = search, arrays
+        self.search, self._arrays = search, arrays
         joints = box.shape[1]
         self._state, self._sweep = new_state(arrays.chain), new_sweep(joints)
         self.tree = search.Tree(
@@ -53,15 +55,15 @@ class Worker:
         """Boxes on the stack."""
         return int(self.tree.counts[0])
 
-    def work(self, reached: Array) -> int:
-        """Work on a chunk of boxes; the outcome as `workcell.ik.branch.kernels.search.run` names it."""
-        search, arrays = self._search, self._arrays
+    def work(self, reached: Array, chunk: int) -> int:
+        """Work on so many boxes at most; the outcome as `workcell.ik.branch.kernels.search.run` names it."""
+        search, arrays = self.search, self._arrays
         if self.tree.counts[1] + _CHUNK > len(self.tree.nodes):
             more = np.empty_like(self.tree.nodes)
             self.tree = self.tree._replace(nodes=np.concatenate([self.tree.nodes, more]))
         state, sweep = self._state, self._sweep
         outcome: int = search.run(
-            arrays.chain, arrays.world, arrays.root, state, sweep, self.tree, reached, _CHUNK
+            arrays.chain, arrays.world, arrays.root, state, sweep, self.tree, reached, chunk
         )
         return outcome
 
@@ -85,68 +87,48 @@ class Crew:
     def __init__(self, arrays: Arrays, reached: Array, accept: Callable[[Array], bool]) -> None:
         self.first = Worker(arrays, arrays.root)
         self._reached, self._accept = reached, accept
-        self._lock = threading.Lock()
         self._open = [self.first]
-        self._idle = 0
         self._over = False
 
-    def run(self, deadline: float, threads: int = 1) -> None:
-        """Work until a configuration is accepted, no box is left, memory ends, or `deadline` (process CPU time)."""
-        if self._over:
-            return
-        if threads <= 1:
-            while self._step_any(deadline):
-                pass
-            return
-        self._idle = 0
-        helpers = [threading.Thread(target=self._take_part, args=(deadline, threads)) for _ in range(threads)]
-        for helper in helpers:
-            helper.start()
-        for helper in helpers:
-            helper.join()
+    def run(self, deadline: float, most: float = np.inf, threads: int = 1) -> None:
+        """Work until a configuration is accepted, no box is left, memory ends, or so many more nodes are written.
 
-    def _step_any(self, deadline: float) -> bool:
-        if not self._open or self._over or time.process_time() > deadline:
-            return False
-        if not self._step(self._open[-1]):
-            self._open.pop()
-        return True
+        Several threads work side by side on a chunk each and wait for each other before they share boxes anew, so that
+        it never matters which is quicker.
 
-    def _take_part(self, deadline: float, threads: int) -> None:
-        worker: Worker | None = None
-        waiting = False
-        while True:
-            with self._lock:
-                if worker is None and self._open:
-                    worker = self._open.pop()
-                    self._idle -= waiting
-                    waiting = False
-                elif worker is None and not waiting:
-                    waiting = True
-                    self._idle += 1
-                finished = self._over or self._idle == threads or time.process_time() > deadline
-                if finished:
-                    if worker is not None:
-                        self._open.append(worker)
-                    return
-                if worker is not None and self._idle > len(self._open) and worker.boxes_left > 1:
-                    self._open.append(worker.give())
-            if worker is None:
-                time.sleep(2e-4)
-            elif not self._step(worker):
-                worker = None
+        Args:
+            deadline: `clock.cpu_seconds` at which to end in any case.
+            most: nodes.
+            threads: workers at work at once.
+        """
+        last = self.nodes + most
+        with ThreadPoolExecutor(threads) if threads > 1 else contextlib.nullcontext() as pool:
+            while self._open and not self._over and self.nodes < last and clock.cpu_seconds() <= deadline:
+                self._share(threads)
+                crew = self._open[-threads:]
+                chunk = int(min(_CHUNK, np.ceil((last - self.nodes) / len(crew))))
+                work = functools.partial(Worker.work, reached=self._reached, chunk=chunk)
+                outcomes = dict(zip(crew, (pool.map if pool else map)(work, crew), strict=True))
+                for worker in self.first.everyone():
+                    if worker in outcomes and not self._goes_on(worker, outcomes[worker]):
+                        self._open.remove(worker)
 
-    def _step(self, worker: Worker) -> bool:
-        """One chunk of a worker; False once it has nothing left to do."""
-        search = worker._search
-        outcome = worker.work(self._reached)
+    def _share(self, threads: int) -> None:
+        """Give boxes to idle threads, each from the worker that has most of them."""
+        while len(self._open) < threads:
+            fullest = max(self._open, key=lambda worker: worker.boxes_left)
+            if fullest.boxes_left < 2:
+                return
+            self._open.append(fullest.give())
+
+    def _goes_on(self, worker: Worker, outcome: int) -> bool:
+        """Whether a worker has something left to do after a chunk; what it found is offered."""
+        search = worker.search
         if outcome == search.FOUND:
-            with self._lock:
-                if not self._over and self._accept(np.array(worker.tree.found)):
-                    self._over = True
+            self._over = self._over or self._accept(np.array(worker.tree.found))
         elif outcome == search.FULL or self.nodes > MOST_NODES:
             self._over = True
-        return outcome != search.DONE and worker.boxes_left > 0
+        return bool(outcome != search.DONE and worker.boxes_left > 0)
 
     @property
     def nodes(self) -> int:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-
+from workcell import clock
 from workcell.ik.branch.solver import BranchSearch
 from workcell.ik.elementary.solver import solve_elementary
 from workcell.ik.problem import Budget, IKProblem
@@ -18,7 +17,7 @@ def prepare(problem: IKProblem) -> None:
 def solve_inside(problem: IKProblem, budget: Budget, seed: int = 0) -> Candidate:
     """Look for a proof that holds of the real geometry; nothing where the problem has no inner model."""
     del seed
-    return InsideSearch(problem).run(time.process_time() + budget.cpu_s, budget.threads)
+    return InsideSearch(problem).run(clock.cpu_seconds() + budget.cpu_s, budget)
 
 
 class InsideSearch:
@@ -28,8 +27,8 @@ class InsideSearch:
         self._model = problem.inside()
         self._search: BranchSearch | None = None
 
-    def run(self, deadline: float, threads: int = 1) -> Candidate:
-        """Search until `deadline` (CPU time of the process) at most."""
+    def run(self, deadline: float, budget: Budget) -> Candidate:
+        """Search on: as `BranchSearch.run`."""
         if self._model is None:
             return Candidate()
         if self._search is None:
@@ -37,4 +36,4 @@ class InsideSearch:
             if proved.certificate is not None:
                 return proved
             self._search = BranchSearch(self._model)
-        return self._search.run(max(deadline, time.process_time()), threads)
+        return self._search.run(max(deadline, clock.cpu_seconds()), budget)

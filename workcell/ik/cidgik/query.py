@@ -9,12 +9,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from workcell import clock
 from workcell.errors import InputError
 from workcell.ik.cidgik.chordal import ChordalInstance, ChordalKeeper
 from workcell.ik.cidgik.finish import QueryFinisher
@@ -22,7 +22,7 @@ from workcell.ik.cidgik.instance import Instance
 from workcell.ik.cidgik.model import chordal_structure_of, structure_key, structure_of
 from workcell.ik.cidgik.proof import Proof, malformed, margin
 from workcell.ik.cidgik.rank import Relaxed
-from workcell.ik.cidgik.search import Kept, Search
+from workcell.ik.cidgik.search import PROGRAMS_A_SECOND, Kept, Search
 from workcell.ik.cidgik.skeleton import Skeleton
 from workcell.ik.cidgik.workspace import Keeper, Rules, plane_in_base
 from workcell.ik.problem import Budget
@@ -68,23 +68,32 @@ def solve_query(query: Query, budget: Budget | None = None, seed: int = 0, *, lo
         InputError: a robot that points and distances can't describe (prismatic joints, parallel axes in three
             dimensions, two joints about one axis), or a workspace that a point fixed by the base or a goal breaks.
     """
-    started = time.process_time()
+    budget = budget or Budget()
+    started = clock.cpu_seconds()
     whole, keeper = _relaxed(query)
     _refuse_fixed(query, keeper)
     skeleton, instance, kept = _fastest(query, whole, keeper)
     try:
         finisher = _Prover(query)
-        deadline = started + (budget or Budget()).cpu_s
+        deadline = started + budget.cpu_s
         rng = np.random.default_rng(seed)
         search = Search(
-            skeleton, instance, kept, finisher, lambda: _relaxed(query), deadline, rng, local=local
+            skeleton,
+            instance,
+            kept,
+            finisher,
+            lambda: _relaxed(query),
+            deadline,
+            budget.work(PROGRAMS_A_SECOND),
+            rng,
+            local=local,
         )
         if whole.contradiction:
             search.note("a point that can't move is not in the plane that it must be in")
             q = None
         else:
             q = search.run()
-        return _answer(query, q, finisher.proof, search, time.process_time() - started)
+        return _answer(query, q, finisher.proof, search, clock.cpu_seconds() - started)
     finally:
         instance.release()
 

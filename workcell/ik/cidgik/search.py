@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 
+from workcell import clock
 from workcell.ik.cidgik.instance import Instance
 from workcell.ik.cidgik.proof import Proof, proof_of
 from workcell.ik.cidgik.rank import Blocks, Iterate, Relaxed, converge
@@ -22,6 +22,8 @@ from workcell.pose import Array
 
 ROUNDS = 8
 """Times that rows are added within one restart."""
+PROGRAMS_A_SECOND = 300
+"""Cone programs, with what goes on between them, that one quiet core does in a second."""
 PROVE_AFTER = 3
 """Restarts after which, once, the relaxation is asked whether it is empty with every sphere that it breaks."""
 
@@ -80,7 +82,8 @@ class Search:
         skeleton, instance, keeper, finisher: the robot's vectors, the relaxation, the workspace (None: nothing to
             keep), and the judge.
         whole: makes the relaxation in one block, and its workspace, in which proofs are given.
-        deadline: `time.process_time()` at which to stop.
+        deadline: `clock.cpu_seconds()` at which to stop.
+        most: cone programs after which to stop.
         rng: of the objectives.
         near: (n,) a configuration to begin next to, or None.
         local: also descend from iterates that are not of low rank.
@@ -92,6 +95,7 @@ class Search:
     finisher: Finisher
     whole: Callable[[], tuple[Instance, Keeper | None]]
     deadline: float
+    most: float
     rng: np.random.Generator
     near: Array | None = None
     local: bool = False
@@ -118,7 +122,7 @@ class Search:
 
     def over(self) -> bool:
         """Whether the budget is spent."""
-        return time.process_time() >= self.deadline
+        return clock.cpu_seconds() >= self.deadline or self.instance.solves >= self.most
 
     def run(self) -> Array | None:
         """A configuration that the finisher accepts; None when there is none, or none was found in time."""

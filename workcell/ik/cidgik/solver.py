@@ -19,11 +19,11 @@ equations and tables in this folder are the paper's:
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from workcell import clock
 from workcell.errors import InputError
 from workcell.ik.certificate import Certificate
 from workcell.ik.cidgik.certify import certify
@@ -31,7 +31,7 @@ from workcell.ik.cidgik.finish import polish_query
 from workcell.ik.cidgik.model import fastest_relaxation_at, goal_of, relaxation_at, sorted_obstacles
 from workcell.ik.cidgik.proof import Proof
 from workcell.ik.cidgik.recover import nearest_turn
-from workcell.ik.cidgik.search import Finished, Search, prove_empty
+from workcell.ik.cidgik.search import PROGRAMS_A_SECOND, Finished, Search, prove_empty
 from workcell.ik.elementary.bounds import prove_impossible
 from workcell.ik.judge.verify import Verifier
 from workcell.ik.problem import Budget, IKProblem
@@ -44,13 +44,13 @@ from workcell.pose import Array
 
 
 def solve_cidgik(problem: IKProblem, budget: Budget, seed: int = 0, *, local: bool = False) -> Candidate:
-    """Look for a configuration, or for a proof that there is none, until the budget (CPU seconds) is spent.
+    """Look for a configuration, or for a proof that there is none, until the budget is spent.
 
     `max_step` narrows the joint limits; `max_link_rotation` is left to the judge.
 
     Args:
         problem: a serial chain of revolute joints; with `q_reference` the search begins next to it.
-        budget: CPU seconds.
+        budget: CPU seconds, and cone programs.
         seed: of the random objectives.
         local: also run Levenberg-Marquardt from the angles read at every iterate (`cidgik+lm`). Without it an
             answer is read from a point whose excess rank is below 1e-5, and polish moved it by 1e-2 rad or less.
@@ -59,12 +59,12 @@ def solve_cidgik(problem: IKProblem, budget: Budget, seed: int = 0, *, local: bo
         InputError: a prismatic joint, axes that are all parallel, two joints about one axis, or an obstacle around
             the point on the first joint's axis that the base fixes.
     """
-    deadline = time.process_time() + budget.cpu_s
+    deadline = clock.cpu_seconds() + budget.cpu_s
     interval = Interval.of(problem)
     if interval.empty:
         return Candidate(rejected=("q_reference lies farther outside the joint limits than max_step",))
     refuse_buried_base(problem)
-    if time.process_time() >= deadline:
+    if clock.cpu_seconds() >= deadline:
         return Candidate()
     skeleton, instance, keeper = fastest_relaxation_at(problem)
     try:
@@ -80,6 +80,7 @@ def solve_cidgik(problem: IKProblem, budget: Budget, seed: int = 0, *, local: bo
             judge,
             lambda: relaxation_at(problem),
             deadline,
+            budget.work(PROGRAMS_A_SECOND),
             np.random.default_rng(seed),
             problem.q_reference,
             local,

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import time
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from workcell import clock
 from workcell.errors import InputError
 from workcell.ik.diverse.posture import Posture, posture
 from workcell.ik.hjcd.solver import collect_solutions
@@ -21,7 +22,7 @@ POOL = 4
 DISTINCT = 0.05
 """Radians or metres by which two solutions differ in some joint, to count as two."""
 SAMPLING = 0.5
-"""Share of the budget for samples; the rest is the portfolio's, where they hold no solution."""
+"""Effort for samples, as of a `Budget` without one; the rest is the portfolio's, where they hold no solution."""
 
 
 def solutions(
@@ -36,7 +37,7 @@ def solutions(
     Args:
         problem: the question.
         count: how many are wanted.
-        budget: CPU seconds of this process in total; default 1 s. Arms with few solutions spend half of it.
+        budget: CPU seconds of this process in total (default: 5 s), and the effort, of which samples have half.
         seed: same problem, count and seed, same solutions, as far as the budget reaches.
 
     Returns:
@@ -49,14 +50,17 @@ def solutions(
     """
     if count < 1:
         raise InputError(f"{count} solutions are none", where="count", remedy="at least 1")
-    allowed = (budget or Budget(1.0)).cpu_s
-    begun, judge = time.process_time(), Verifier(problem)
-    pool = collect_solutions(problem, POOL * count, seed, Budget(SAMPLING * allowed))
+    budget = budget or Budget(effort=2 * SAMPLING)
+    begun, judge = clock.cpu_seconds(), Verifier(problem)
+    effort = SAMPLING if budget.effort is None else 0.5 * budget.effort
+    pool = collect_solutions(problem, POOL * count, seed, replace(budget, effort=effort))
+    pool = [problem.unwrapped(q) for q in pool]
     found = _judged(problem, judge, pool, count)
     if found:
         return found
-    left = allowed - (time.process_time() - begun)
-    result = solve(problem, budget=Budget(max(left, 0.0)), seed=seed)
+    left = budget.cpu_s - (clock.cpu_seconds() - begun)
+    rest = None if budget.effort is None else effort
+    result = solve(problem, budget=replace(budget, cpu_s=max(left, 0.0), effort=rest), seed=seed)
     return (result,) if result.solved else ()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from workcell import clock
 from workcell.geometry.engine import ClearanceEngine
 from workcell.geometry.self_collision import self_collision_pairs
 from workcell.geometry.types import SphereCover
@@ -20,6 +20,8 @@ from workcell.pose import Array, Pose, read_only, rotation_vector
 
 RADIANS_A_METRE = 10.0
 """How a turn compares with a shift: 0.1 rad off are as bad as 1 cm off."""
+_STARTS_A_SECOND = 4
+"""Starts descended from in a second, on one quiet core."""
 _DRAWN, _STARTS, _ITERATIONS = 4000, 24, 80
 _COLLIDES = 1e3
 """What a collision adds to the cost of a start: those come last."""
@@ -68,18 +70,22 @@ def closest_pose(
     (SLSQP), from configurations `near` (n,), from `q_reference` and from random ones. What the judge refuses is left
     out. No proof: there may be a nearer one.
 
+    Args:
+        budget: its effort (default: 1) says how many starts are descended from; its seconds end the search.
+
     Returns:
         None when no start led, in the budget, to a configuration that the judge accepts but for its pose.
     """
-    deadline = time.process_time() + (budget or Budget(1.0)).cpu_s
+    budget = budget or Budget(60.0, effort=1.0)
+    deadline = clock.cpu_seconds() + budget.cpu_s
     search = _Search(problem)
     starts = list(search.starts(np.random.default_rng(seed)))
     if problem.q_reference is not None:
         starts.insert(0, problem.q_reference)
-    starts = [*near, *starts]
+    starts = [*near, *starts][: int(min(budget.work(_STARTS_A_SECOND), len(starts) + len(near)))]
     best: tuple[float, ClosestPose] | None = None
     for start in starts:
-        if time.process_time() > deadline:
+        if clock.cpu_seconds() > deadline:
             break
         for q in search.descents(start):
             found = search.judged(q)

@@ -1,36 +1,49 @@
 """Why a query ends in "no": what would have to go to make it possible, found by deciding the query without it.
 
-The obstacles, the joints' limits and the wanted rotation are taken away, alone where that is enough and otherwise all
-together and then put back one by one as long as the rest stays possible. Each step is a query of its own, decided as
-every other: with a verified configuration or a proof.
+The obstacles, the joints' limits, the wanted rotation and the robot's collisions with itself are taken away: each alone
+first, then ever more of them, until a smallest set is found that makes the query possible. Each step is a query of its
+own, decided as every other: with a verified configuration or a proof. A proof says what it used, and sets that leave
+all of that in place need not be asked about.
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import Collection, Sequence
+import itertools
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from workcell import clock
 from workcell.errors import InputError
 from workcell.geometry.types import Piece, obstacle_name
 from workcell.ik.certificate import Certificate
 from workcell.ik.check import obstacles_used
 from workcell.ik.explain.closest import ClosestPose, closest_pose
-from workcell.ik.problem import Budget, IKProblem
+from workcell.ik.judge.verify import verify
+from workcell.ik.problem import ITSELF, Budget, IKProblem
 from workcell.ik.result import IKResult, Status
 from workcell.ik.solve import solve
 
-_STEP_S = 1.0
-"""CPU seconds for deciding one step at most."""
+_STEP = 0.5
+"""Effort for deciding one step."""
+_CLOSEST = 2.0
+"""Effort for the closest pose."""
+MOST_STEPS = 60
+"""Queries after which no smaller set is looked for."""
 _OBSTACLE, _LIMIT, _ROTATION = "obstacle", "limits of joint", "rotation"
+_ITSELF = "self-collision"
 
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """Something that a query demands: an obstacle to be missed, a joint's limits, the target's rotation."""
+    """Something that a query demands.
+
+    Attributes:
+        kind: an obstacle to be missed, a joint's limits, the target's rotation, or that the robot misses itself.
+        name: the obstacle, the joint, or the two links that touch.
+    """
 
     kind: str
     name: str = ""
@@ -38,6 +51,8 @@ class Cause:
     def __str__(self) -> str:
         if self.kind == _ROTATION:
             return "the target's rotation"
+        if self.kind == _ITSELF:
+            return f"the robot's collision with itself{f' ({self.name})' if self.name else ''}"
         return f"the {self.kind} {self.name}"
 
 
@@ -47,8 +62,9 @@ class Explanation:
 
     Attributes:
         status: of the query explained.
-        causes: a smallest set (by number where one alone is enough, else such that none of it can stay) whose removal
-            makes the query possible; empty when nothing that was tried does.
+        causes: a set whose removal makes the query possible, none of which can stay; empty when nothing that was tried
+            does.
+        smallest: whether it was decided that no set of fewer causes does.
         alternatives: other single causes whose removal alone does as well.
         pieces: the obstacles among the causes.
         undecided: steps that ended neither in a configuration nor in a proof: the set may be smaller than it is.
@@ -59,6 +75,7 @@ class Explanation:
 
     status: Status
     causes: tuple[Cause, ...]
+    smallest: bool
     alternatives: tuple[Cause, ...]
     pieces: tuple[Piece, ...]
     undecided: int
@@ -70,11 +87,20 @@ class Explanation:
     def sentence(self) -> str:
         """In words."""
         if not self.causes:
-            words = "taking away obstacles, joint limits and the wanted rotation, even all together, does not help"
+            words = (
+                "taking away obstacles, joint limits, the wanted rotation and self-collisions, even all together, "
+                "does not help"
+            )
             if self.undecided:
                 words = "nothing that was taken away made it possible within the time for it"
         else:
             words = f"it would be possible without {_listed(self.causes)}"
+            if len(self.causes) > 1:
+                words += (
+                    " (no fewer do)"
+                    if self.smallest
+                    else " (none of these can stay, but fewer others may do)"
+                )
             if self.alternatives:
                 words += f", or instead without {_listed(self.alternatives, 'or')}"
         nearest = (
@@ -88,6 +114,7 @@ class Explanation:
         return {
             "sentence": self.sentence,
             "without": [{"kind": cause.kind, "name": cause.name} for cause in self.causes],
+            "smallest": self.smallest,
             "or_without_one_of": [{"kind": cause.kind, "name": cause.name} for cause in self.alternatives],
             "undecided_steps": self.undecided,
             "steps": self.steps,
@@ -117,7 +144,7 @@ def explain(
     Args:
         problem: the query.
         result: its answer, no configuration.
-        budget: CPU seconds in total; default 10 s.
+        budget: CPU seconds after which no more steps are decided; default 20 s. Work ends each step.
         seed: of the solvers.
 
     Raises:
@@ -127,21 +154,26 @@ def explain(
         raise InputError(
             "this query is SOLVED", where="result", remedy="ask why only where there is no solution"
         )
-    steps = _Steps(problem, budget or Budget(10.0), seed)
-    causes: tuple[Cause, ...]
-    alternatives: tuple[Cause, ...] = ()
+    steps = _Steps(problem, budget or Budget(20.0), seed)
+    # what can be moved comes first in `candidates`, and limits can't
     singles = [cause for cause in steps.candidates(result.certificate) if steps.possible((cause,))]
-    if singles:
-        # obstacles can be moved, limits can't: they come first in `candidates`
-        causes, alternatives = (singles[0],), tuple(singles[1:])
-    else:
-        causes = steps.deleted()
+    causes, smallest = (tuple(singles[:1]), True) if singles else steps.several()
     found = steps.solution_without(causes)
-    closest = closest_pose(problem, Budget(2.0), seed, near=() if found is None else (np.array(found),))
+    closest = closest_pose(
+        problem, Budget(60.0, effort=_CLOSEST), seed, near=() if found is None else (np.array(found),)
+    )
     blamed = {cause.name for cause in causes if cause.kind == _OBSTACLE}
     pieces = tuple(piece for piece in problem.obstacles if obstacle_name(piece) in blamed)
     return Explanation(
-        result.status, causes, alternatives, pieces, steps.undecided, found, closest, steps.count
+        result.status,
+        steps.named(causes, causes),
+        smallest,
+        tuple(steps.named((cause,), (cause,))[0] for cause in singles[1:]),
+        pieces,
+        steps.undecided,
+        found,
+        closest,
+        steps.count,
     )
 
 
@@ -150,8 +182,9 @@ class _Steps:
 
     def __init__(self, problem: IKProblem, budget: Budget, seed: int) -> None:
         self._problem, self._seed = problem, seed
-        self._deadline = time.process_time() + budget.cpu_s
+        self._deadline = clock.cpu_seconds() + budget.cpu_s
         self._known: dict[frozenset[Cause], IKResult] = {}
+        self._needed: list[frozenset[Cause]] = []
         self.undecided = 0
         names = dict.fromkeys(obstacle_name(piece) for piece in problem.obstacles)
         self.obstacles = [Cause(_OBSTACLE, name) for name in names]
@@ -161,25 +194,42 @@ class _Steps:
             if bound
         ]
         self.rotation = [Cause(_ROTATION)] if problem.goal != "position" else []
+        self.itself = [Cause(_ITSELF)] if _minds_itself(problem) else []
 
     @property
     def count(self) -> int:
         return len(self._known)
 
+    @property
+    def every(self) -> list[Cause]:
+        """All that may be to blame."""
+        return [*self.obstacles, *self.itself, *self.limits, *self.rotation]
+
     def candidates(self, certificate: Certificate | None) -> list[Cause]:
         """What may be to blame alone. A proof holds without the obstacles that it does not use: they are not."""
-        used = None if certificate is None else obstacles_used(self._problem, certificate)
-        blamed = [cause for cause in self.obstacles if used is None or cause.name in used]
-        return [*blamed, *self.limits, *self.rotation]
+        used = None if certificate is None else self._used(self._problem, certificate)
+        return [cause for cause in self.every if used is None or cause in used]
+
+    def _used(self, problem: IKProblem, certificate: Certificate) -> frozenset[Cause]:
+        """What a proof may rest on: the obstacles that it names (all, if it names none), and what it doesn't tell."""
+        names = obstacles_used(problem, certificate)
+        gone = [] if certificate.scope != "kinematics" else self.itself
+        return frozenset(
+            cause
+            for cause in self.every
+            if cause not in gone and (cause.kind != _OBSTACLE or names is None or cause.name in names)
+        )
 
     def possible(self, causes: Collection[Cause]) -> bool:
         """Whether the query without these causes has a verified solution; "no" when it could not be decided."""
         key = frozenset(causes)
         if key not in self._known:
-            left = self._deadline - time.process_time()
-            result = solve(self._reduced(key), budget=Budget(min(max(left, 0.0), _STEP_S)), seed=self._seed)
+            left, reduced = self._deadline - clock.cpu_seconds(), self._reduced(key)
+            result = solve(reduced, budget=Budget(max(left, 0.0), effort=_STEP), seed=self._seed)
             self._known[key] = result
             self.undecided += not (result.solved or result.status.is_proof)
+            if result.certificate is not None and result.status.is_proof:
+                self._needed.append(self._used(reduced, result.certificate) - key)
         return self._known[key].solved
 
     def solution_without(self, causes: Sequence[Cause]) -> tuple[float, ...] | None:
@@ -188,12 +238,43 @@ class _Steps:
             return None
         return tuple(float(angle) for angle in self._known[frozenset(causes)].unwrap())
 
-    def deleted(self) -> tuple[Cause, ...]:
+    def named(self, causes: Iterable[Cause], gone: Sequence[Cause]) -> tuple[Cause, ...]:
+        """The causes; a self-collision with the two links that touch in the solution found without `gone`."""
+        return tuple(
+            Cause(_ITSELF, self._touching(gone)) if cause.kind == _ITSELF else cause for cause in causes
+        )
+
+    def _touching(self, gone: Sequence[Cause]) -> str:
+        others = self._reduced([cause for cause in gone if cause.kind != _ITSELF])
+        found = self.solution_without(gone)
+        assert found is not None
+        first, second = verify(others, np.array(found)).clearance.pair
+        return f"{first} with {second}"
+
+    def several(self) -> tuple[tuple[Cause, ...], bool]:
+        """A set of causes, no one of which is enough, and whether no smaller one does.
+
+        A set of which nothing can stay bounds its size from above; smaller ones are then looked through, but for those
+        that leave in place all that one of the proofs used.
+        """
+        found = self._deleted()
+        for size in range(2, len(found)):
+            for causes in itertools.combinations(self.every, size):
+                if not all(needed.intersection(causes) for needed in self._needed):
+                    continue
+                if self.count >= MOST_STEPS and frozenset(causes) not in self._known:
+                    return found, False
+                if self.possible(causes):
+                    return causes, self.undecided == 0
+        return found, self.undecided == 0
+
+    def _deleted(self) -> tuple[Cause, ...]:
         """Everything is taken away, then put back one by one as long as the rest stays possible; limits first."""
-        gone = [*self.rotation, *self.limits, *self.obstacles]
-        if not self.possible(gone):
+        order = [*self.rotation, *self.limits, *self.itself, *self.obstacles]
+        if not self.possible(order):
             return ()
-        for cause in [*self.rotation, *self.limits, *self.obstacles]:
+        gone = order
+        for cause in order:
             fewer = [other for other in gone if other != cause]
             if fewer and self.possible(fewer):
                 gone = fewer
@@ -202,6 +283,8 @@ class _Steps:
     def _reduced(self, causes: Collection[Cause]) -> IKProblem:
         problem = self._problem
         names = {cause.name for cause in causes if cause.kind == _OBSTACLE}
+        if any(cause.kind == _ITSELF for cause in causes):
+            names.add(ITSELF)
         if names:
             problem = (problem.without or _without_pieces)(problem, names)
         joints = {cause.name for cause in causes if cause.kind == _LIMIT}
@@ -212,9 +295,16 @@ class _Steps:
         return problem
 
 
+def _minds_itself(problem: IKProblem) -> bool:
+    """Whether collisions of the robot with itself count, and can be left out of account."""
+    own = problem.self_collision
+    return (own is not None and len(own) > 0) or (problem.checker is not None and problem.without is not None)
+
+
 def _without_pieces(problem: IKProblem, names: Collection[str]) -> IKProblem:
     kept = tuple(piece for piece in problem.obstacles if obstacle_name(piece) not in names)
-    return replace(problem, obstacles=kept)
+    own = None if ITSELF in names else problem.self_collision
+    return replace(problem, obstacles=kept, self_collision=own)
 
 
 def _bounded(problem: IKProblem) -> list[bool]:

@@ -14,11 +14,12 @@ self-motion curve. All of it is compiled when first called (`prepare` does so ah
 from __future__ import annotations
 
 import functools
-import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from workcell import clock
 from workcell.compile_ahead import SAMPLING, wait_for
 from workcell.geometry.packing import pack_couple, random_state
 from workcell.ik.hjcd.batch import ACCURACY, BatchSolution, solve_batch, solve_two_phase
@@ -39,6 +40,8 @@ from workcell.pose import Array
 
 __all__ = [
     "BatchSolution",
+    "Collected",
+    "collect",
     "collect_solutions",
     "prepare",
     "solve_batch",
@@ -52,10 +55,15 @@ if TYPE_CHECKING:
 
 RESTARTS = 16
 """Restarts between two looks at the clock."""
+RESTARTS_A_SECOND, FREE_A_SECOND = 16_000, 70_000
+"""Restarts that one quiet core makes in a second: among obstacles, in the median of the public problem sets, and
+without any."""
 MOST_CHECKS = 300
 """Candidates shown to a problem's own checker before the search gives up."""
 MANY_JOINTS = 8
 """Joints from which near misses are refined: the self-motion is more than the curve that is walked."""
+COLLECTING = Budget(10.0, effort=1.0)
+"""For collecting solutions, where nothing else is said."""
 NEARBY = 12
 """Seeds drawn near the reference where links may turn by little only."""
 
@@ -114,7 +122,7 @@ def _searches(problem: IKProblem) -> bool:
 
 
 def solve_hjcd(problem: IKProblem, budget: Budget, seed: int = 0) -> Candidate:
-    """Look for a configuration until the budget is spent: CPU seconds of this process, or random restarts.
+    """Look for a configuration until the budget is spent: CPU seconds of this process, or restarts.
 
     The first start is `q_reference` where there is one; `max_step` narrows the joint limits. Deterministic for a seed,
     as far as the budget reaches. Compilation is not charged. `stats["exhausted"]` is 1 where the search ended early
@@ -124,34 +132,53 @@ def solve_hjcd(problem: IKProblem, budget: Budget, seed: int = 0) -> Candidate:
     if budget.cpu_s <= 0:
         return Candidate()
     prepare(problem)
-    deadline = time.process_time() + budget.cpu_s
+    deadline = clock.cpu_seconds() + budget.cpu_s
     if _searches(problem):
-        return _Search(problem, seed).run(deadline, budget.iterations)
-    return _solve_free(problem, deadline, budget.iterations, seed)
+        return _Search(problem, seed).run(deadline, most_restarts(budget, RESTARTS_A_SECOND))
+    return _solve_free(problem, deadline, most_restarts(budget, FREE_A_SECOND), seed)
+
+
+def most_restarts(budget: Budget, a_second: int) -> float:
+    """How many restarts a budget allows: its `iterations`, else what its effort is worth."""
+    return budget.work(a_second) if budget.iterations is None else budget.iterations
+
+
+@dataclass(frozen=True, slots=True)
+class Collected:
+    """Solutions (n,) in the order in which they were found, and the restarts that it took."""
+
+    configurations: tuple[Array, ...]
+    restarts: int
 
 
 def collect_solutions(
     problem: IKProblem, most: int, seed: int = 0, budget: Budget | None = None
 ) -> list[Array]:
-    """Up to `most` solutions (n,) in the order in which random seeds and self-motion curves yield them.
+    """The configurations (n,) of `collect`, alone."""
+    return list(collect(problem, most, seed, budget).configurations)
 
-    Ends early where the search is exhausted or the budget (default 1 s of CPU) is spent. Every one keeps pose, limits
-    and clearance; a `checker` is asked about each. They may lie close to each other: see
+
+def collect(problem: IKProblem, most: int, seed: int = 0, budget: Budget | None = None) -> Collected:
+    """Up to `most` solutions in the order in which random seeds and self-motion curves yield them.
+
+    Ends early where the search is exhausted or the budget (default: `COLLECTING`) is spent. Every one keeps pose,
+    limits and clearance; a `checker` is asked about each. They may lie close to each other: see
     `workcell.ik.diverse.solutions`.
     """
     if problem.robot.coupling is not None:
         _prepare_coupled()
     else:
         _prepare_search(refinement=problem.robot.dof >= MANY_JOINTS)
-    deadline = time.process_time() + (budget or Budget(1.0)).cpu_s
+    budget = budget or COLLECTING
+    deadline, restarts = clock.cpu_seconds() + budget.cpu_s, most_restarts(budget, RESTARTS_A_SECOND)
     search = _Search(problem, seed)
     found: list[Array] = []
-    while len(found) < most and time.process_time() < deadline:
-        q = search.run(deadline).q
+    while len(found) < most and search.restarts < restarts and clock.cpu_seconds() < deadline:
+        q = search.run(deadline, restarts - search.restarts).q
         if q is None:
             break
         found.append(np.array(q))
-    return found
+    return Collected(tuple(found), search.restarts)
 
 
 def target_row(problem: IKProblem) -> Array:
@@ -164,7 +191,7 @@ def enough(problem: IKProblem) -> float:
     return 0.2 * min(problem.tolerances.position, 0.3 * problem.tolerances.rotation)
 
 
-def _solve_free(problem: IKProblem, deadline: float, most: int | None, seed: int) -> Candidate:
+def _solve_free(problem: IKProblem, deadline: float, most: float, seed: int) -> Candidate:
     """Restart until the pose is reached; nothing to collide with."""
     arm, n = narrowed_arm(problem), problem.robot.dof
     poses, q, cost = target_row(problem)[None], np.empty((1, n)), np.empty(1)
@@ -172,12 +199,12 @@ def _solve_free(problem: IKProblem, deadline: float, most: int | None, seed: int
     random, accepted = random_state(seed), enough(problem) ** 2
     restarts, best = 0, np.inf
     while True:
-        chunk = 100 if most is None else min(100, most - restarts)
+        chunk = int(min(100, most - restarts))
         restarts += kernels().solve_targets(arm, poses, first, ACCURACY, chunk, random, q, cost)
         if cost[0] <= accepted:
             return Candidate(q=q[0], stats={"restarts": float(restarts), "residual_m": float(cost[0]) ** 0.5})
         best = min(best, float(cost[0]))
-        if time.process_time() > deadline or restarts == most:
+        if clock.cpu_seconds() > deadline or restarts >= most:
             return Candidate(stats={"restarts": float(restarts)}, rejected=(_unreached(restarts, best),))
 
 
@@ -210,13 +237,17 @@ class _Search:
         bounds = self._arm.bounds
         return np.clip(starts, bounds[0], bounds[1])
 
-    def run(self, deadline: float, most: int | None = None) -> Candidate:
+    @property
+    def restarts(self) -> int:
+        """Restarts so far, of the lane that has made most."""
+        return int(max(memory.counts[kernels().RESTARTS] for _, memory in self._lanes))
+
+    def run(self, deadline: float, most: float = np.inf) -> Candidate:
         """Search until a configuration is found, the search is exhausted, `most` restarts are made or time is over."""
         lanes, exhausted = list(self._lanes), False
-        q, done, chunk = np.empty(self.problem.robot.dof), 0, RESTARTS
-        while lanes and done != most:
-            if most is not None:
-                chunk = min(RESTARTS, most - done)
+        q, done = np.empty(self.problem.robot.dof), 0
+        while lanes and done < most:
+            chunk = int(min(RESTARTS, most - done))
             done += chunk
             for lane in list(lanes):
                 world, memory = lane
@@ -227,7 +258,7 @@ class _Search:
                     lanes = [other for other in lanes if other is not lane]
                 elif status == kernels().SPENT and self._refine(world, memory, q) and self._passes(q):
                     return self._candidate(q, exhausted=False)
-                if time.process_time() > deadline or self._checks >= MOST_CHECKS:
+                if clock.cpu_seconds() > deadline or self._checks >= MOST_CHECKS:
                     return self._candidate(None, exhausted=False)
             exhausted = not lanes
         return self._candidate(None, exhausted)

@@ -13,12 +13,12 @@ Numbers of problems, equations, algorithms and sections in this folder are the p
 
 from __future__ import annotations
 
-import time
 from contextlib import ExitStack
 
 import numpy as np
 from numpy.typing import NDArray
 
+from workcell import clock
 from workcell.ik.certificate import Certificate
 from workcell.ik.elementary.bounds import prove_impossible
 from workcell.ik.ikspark.cuboids import CuboidSet, reachable_pairs, sphere_maps
@@ -38,6 +38,10 @@ from workcell.pose import Array
 
 CUBOIDS_AFTER = 8
 """Restarts with half-spaces before free-space cuboids, where the problem has some, take turns with them."""
+PROOF_AFTER = 500
+"""Cone programs (or half of what the budget is worth) before a proof about the cuboids is the answer."""
+PROGRAMS_A_SECOND = 300
+"""Cone programs, with what goes on between them, that one quiet core does in a second."""
 SLOTS = 12
 """Half-spaces that one ascent may carry."""
 ROUNDS = 4
@@ -45,11 +49,11 @@ ROUNDS = 4
 
 
 def solve_ikspark(problem: IKProblem, budget: Budget, seed: int = 0, *, local: bool = False) -> Candidate:
-    """Look for a configuration, or for a proof that there is none, until the budget (CPU seconds) is spent.
+    """Look for a configuration, or for a proof that there is none, until the budget is spent.
 
     Args:
         problem: a serial chain of revolute joints; with `q_reference` the search begins next to it.
-        budget: CPU seconds.
+        budget: CPU seconds, and cone programs.
         seed: of the random directions.
         local: also run Levenberg-Marquardt from the angles read at every iterate (`ikspark+lm`). Without it
             an answer is read from a point whose rank gap is below 1e-5, and polish moved it by 1e-2 rad or less.
@@ -57,7 +61,7 @@ def solve_ikspark(problem: IKProblem, budget: Budget, seed: int = 0, *, local: b
     Raises:
         InputError: a prismatic joint, or bounds without their reference.
     """
-    search = Search(problem, time.process_time() + budget.cpu_s, seed, local=local)
+    search = Search(problem, budget, seed, local=local)
     if search.over():
         return search.result(None)
     return search.run()
@@ -66,15 +70,15 @@ def solve_ikspark(problem: IKProblem, budget: Budget, seed: int = 0, *, local: b
 class Search:
     """One run of the solver: what it has tried, and why near misses failed."""
 
-    def __init__(self, problem: IKProblem, deadline: float, seed: int, *, local: bool) -> None:
-        self.problem, self.deadline, self.local = problem, deadline, local
+    def __init__(self, problem: IKProblem, budget: Budget, seed: int, *, local: bool) -> None:
+        self.problem, self.deadline, self.local = problem, clock.cpu_seconds() + budget.cpu_s, local
+        self.most = budget.work(PROGRAMS_A_SECOND)
         self.rng = np.random.default_rng(seed)
         self._verifier: Verifier | None = None
         self.rejected: list[str] = []
         self.stats = dict.fromkeys(("sdps", "restarts", "rank_one", "rank_gap", "moved"), 0.0)
         self.error: str | None = None
         self.last = Iterate(None)
-        self.halfway = 0.5 * (time.process_time() + deadline)
         self._goal, self._interval = goal_vector(problem.T_base_tool), Interval.of(problem)
         self._fresh = True
         self._turns = 0
@@ -86,7 +90,7 @@ class Search:
 
     def over(self) -> bool:
         """Whether the budget is spent."""
-        return time.process_time() >= self.deadline
+        return clock.cpu_seconds() >= self.deadline or self.stats["sdps"] >= self.most
 
     def result(self, q: Array | None, certificate: Certificate | None = None) -> Candidate:
         """What is handed back: an answer, a proof, or neither."""
@@ -155,7 +159,7 @@ class Search:
             proof = prove_impossible(self.problem)
             self.stages.add("elementary bounds", note="" if proof is None else "a proof")
             return proof
-        return self._model_proof if time.process_time() > self.halfway else None
+        return self._model_proof if self.stats["sdps"] >= min(PROOF_AFTER, 0.5 * self.most) else None
 
     def attempt(self, convex: ConvexSet, direction: Array) -> Array | None:
         """One ascent; the configuration (n,) at its end when that solves the problem. `last` is where it ended."""
@@ -209,7 +213,7 @@ class Search:
     def _cuboids(self, instance: Instance) -> CuboidSet | None:
         """The set with every sphere in a free-space cuboid; None without cuboids, or once it is known to be empty.
 
-        A proof that it is empty is kept until half the budget is spent: the true obstacles may leave more room.
+        A proof that it is empty is kept until `PROOF_AFTER`: the true obstacles may leave more room.
         """
         problem = self.problem
         if (

@@ -51,6 +51,29 @@ def is_motor(model: mujoco.MjModel, actuator: int) -> bool:
     return bool(fixed and unbiased and static)
 
 
+def undriven_because(model: mujoco.MjModel, actuator: int) -> str | None:
+    """Why a controller of torques can't drive a joint by an actuator, in words; None: it can.
+
+    It can by a motor, and by what adds a multiple of the joint's position and velocity (`<position>`, `<velocity>`):
+    the control value that makes a torque follows from the state.
+    """
+    import mujoco
+
+    kinds = (model.actuator_dyntype, model.actuator_gaintype, model.actuator_biastype)
+    dynamics, gain, bias = (int(kind[actuator]) for kind in kinds)
+    if dynamics != int(mujoco.mjtDyn.mjDYN_NONE):
+        return (
+            "it has a state of its own (dyntype, timeconst), so that its force lags behind its control value"
+        )
+    if gain != int(mujoco.mjtGain.mjGAIN_FIXED):
+        return "its gain is not fixed, as a muscle's"
+    if bias not in (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)):
+        return "its bias is no multiple of the joint's position and velocity"
+    if model.actuator_gainprm[actuator, 0] == 0.0 or model.actuator_gear[actuator, 0] == 0.0:
+        return "its gain is zero"
+    return None
+
+
 def actuator_targets(model: mujoco.MjModel, actuator: int) -> tuple[int, ...]:
     """Bodies that an actuator acts on: by a joint, a site, a body, or a tendon through its joints, sites and geoms."""
     import mujoco

@@ -64,7 +64,7 @@ def task_of(source: str | Path, robot: str | None) -> TaskFile:
         # a robot that is called after its model is called after the other one now, by the goals too
         name = Path(robot).stem if entry.name == entry.model else entry.name
         goals = tuple(replace(goal, robot=name) if goal.robot == entry.name else goal for goal in task.goals)
-        other = replace(entry, name=name, model=robot, start=None, gripper_site="tool")
+        other = replace(entry, name=name, model=robot, start=None, gripper_site="tool", tool=None)
         return replace(task, robots=(other,), goals=goals)
     if text not in list_assets("cells") and not is_path(text):
         raise UnknownNameError("task or cell", text, [*list_tasks(), *list_assets("cells")])
@@ -169,7 +169,10 @@ def scene_robot(
 ) -> SceneRobot:
     """Where a robot of the task lives in the compiled model; `home` by joint name, from its keyframe."""
     prefix = f"{entry.name}/" if entry.model else ""
-    found = compiled_robot(model, bodies=mine.own, prefix=prefix, name=entry.name, where=task.path)
+    found = compiled_robot(
+        model, bodies=mine.own, prefix=prefix, name=entry.name, tool=entry.tool, where=task.path
+    )
+    folder = task.path.parent
     robot, joints = found.robot, found.joints
     values = [home.get(joint, robot.home[k]) for k, joint in enumerate(robot.joint_names)]
     robot = replace(robot, home=np.array(values))
@@ -200,6 +203,7 @@ def scene_robot(
         start=start,
         fingers=_settled_inside(model, loops, _fingers(model, resting, prefix, home)),
         base_body=found.base,
+        source=find_asset("robots", entry.model, relative_to=folder) if entry.model else task.path,
         site_ids=found.sites,
         guest_ids=guests,
         joint_qpos_addresses=np.array([model.jnt_qposadr[j] for j in joints]),

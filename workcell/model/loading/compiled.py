@@ -248,7 +248,8 @@ def _tool_site(
             path_to(model, int(model.site_bodyid[item[1]]), bodies)
         )
 
-    return max(sites.items(), key=depth)[1]
+    # of several as deep the first by name, in whatever order they stand in the file
+    return max(sorted(sites.items()), key=depth)[1]
 
 
 def _is_single(model: mujoco.MjModel, joint: int) -> bool:

@@ -17,6 +17,7 @@ from workcell.model.loading.compiled import VELOCITY, robot_from_model
 from workcell.model.loading.field_sizes import check_field_sizes, refuse_large_grids
 from workcell.model.loading.labels import label
 from workcell.model.loading.limits import lock_equal_limits, marked_source, set_urdf_limits
+from workcell.model.loading.tool_link import tool_link
 from workcell.model.loading.warnings import quiet_mujoco
 from workcell.model.robot import Robot
 
@@ -158,8 +159,7 @@ def _load_urdf(path: Path) -> mujoco.MjSpec:
     for name, velocity in _velocity_limits(robot, path).items():
         spec.add_numeric(name=name + VELOCITY, data=[velocity])
     if not list(spec.sites):
-        leaf = max(spec.bodies, key=lambda body: len(_spec_ancestors(body)))
-        leaf.add_site(name="tool")
+        tool_link(spec).add_site(name="tool")
     return spec
 
 
@@ -182,14 +182,6 @@ def _velocity_limits(urdf: ElementTree.Element, path: Path) -> dict[str, float]:
         if value > 0:  # exporters write 0 where they know none
             limits[str(joint.get("name"))] = value
     return limits
-
-
-def _spec_ancestors(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:
-    ancestors = []
-    while body is not None and body.name != "world":
-        ancestors.append(body)
-        body = body.parent
-    return ancestors
 
 
 def _find_package_file(urdf: Path, relative: str) -> Path:

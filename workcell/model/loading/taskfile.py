@@ -25,7 +25,10 @@ _NAME = re.compile(r"\w[\w.-]*")
 
 @dataclass(frozen=True, slots=True)
 class RobotEntry:
-    """`[[robots]]`: a model mounted at a site of the cell, with an optional gripper."""
+    """`[[robots]]`: a model mounted at a site of the cell, with an optional gripper.
+
+    `tool` names the site that is placed, where it is not to be the robot's own choice.
+    """
 
     name: str
     model: str
@@ -33,6 +36,7 @@ class RobotEntry:
     gripper: str | None = None
     gripper_site: str = "tool"
     start: tuple[float, ...] | None = None
+    tool: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +120,7 @@ def read_task_file(path: Path) -> TaskFile:
 
 def _robot(reader: _Reader, entry: Mapping[str, Any], k: int) -> RobotEntry:
     at = f"robots[{k}]"
-    reader.only_keys(entry, {"name", "model", "mount", "gripper", "gripper_site", "start"}, at)
+    reader.only_keys(entry, {"name", "model", "mount", "gripper", "gripper_site", "start", "tool"}, at)
     start = entry.get("start", "home")
     if isinstance(start, str) and start != "home":
         raise reader.error(f"{at}.start", f"is {start!r}", '"home", or one number for each joint')
@@ -128,6 +132,7 @@ def _robot(reader: _Reader, entry: Mapping[str, Any], k: int) -> RobotEntry:
         gripper=reader.text(entry, "gripper", at, default="") or None,
         gripper_site=reader.text(entry, "gripper_site", at, default="tool"),
         start=values,
+        tool=reader.text(entry, "tool", at, default="") or None,
     )
 
 

@@ -7,13 +7,13 @@ proved once more at the end, for its margin.
 from __future__ import annotations
 
 import functools
-import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from workcell import clock
 from workcell.compile_ahead import PLANNING, wait_for
 from workcell.errors import InputError
 from workcell.geometry.packing import random_state
@@ -135,7 +135,7 @@ def search(body: Body, start: Array, goals: ArrayLike, effort: Effort | None = N
     """
     prepare_kernels()
     effort, entries = effort or Effort(), kernels()
-    deadline = time.process_time() + effort.cpu_s
+    deadline = clock.cpu_seconds() + effort.cpu_s
     start, goals = checked_query(body, start, goals)
     direct, tried, looks = _straight(body, start, goals)
     if direct >= 0:
@@ -146,7 +146,7 @@ def search(body: Body, start: Array, goals: ArrayLike, effort: Effort | None = N
     while status != entries.JOINED:
         chunk = min(CHUNK, effort.iterations - done)
         looked_enough = int(trees.tally[entries.LOOKS]) > effort.looks
-        if chunk <= 0 or looked_enough or (done and time.process_time() > deadline):
+        if chunk <= 0 or looked_enough or (done and clock.cpu_seconds() > deadline):
             break
         status = entries.grow(body, trees, effort.step, chunk, meeting)
         done = int(trees.tally[entries.ITERATIONS])

@@ -7,7 +7,6 @@ path is a guess until it is proved. Where both fail the compiled model itself is
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -15,7 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from workcell import clock
 from workcell.errors import InputError
+from workcell.model.robot import Robot
 from workcell.motion.body import BodyClearance, Upright, pack_body
 from workcell.motion.path import Path
 from workcell.motion.plans.by_checker import connect, plan
@@ -30,6 +31,9 @@ from workcell.world.planning_world import PlanningWorld
 if TYPE_CHECKING:
     from workcell.motion.kernels.body import Body
 
+_TURNS = 9
+"""Configurations of a goal, whole turns apart, that are planned to, at most."""
+
 
 def plan_in_world(
     world: PlanningWorld,
@@ -39,6 +43,7 @@ def plan_in_world(
     settings: PlanSettings | None = None,
     upright: Upright | None = None,
     seed: int = 0,
+    turns: bool = True,
 ) -> PlanResult:
     """A path from `q_start` (n,) to any of `q_goals` (k, n) or (n,), proved clear; same seed, same path.
 
@@ -48,6 +53,8 @@ def plan_in_world(
         world: what is known of the scene.
         settings: clearance to keep, iterations, attempts; with `optimise_s` the path gets shorter and shorter.
         upright: keep an axis of the tool within a cone all along.
+        turns: whether the path may end at whole turns of joints from a goal, where every link is as it is there: at
+            those nearest to the start, and where no way to them is found at others; else at the goal itself.
 
     Raises:
         InputError: the start, or every goal, is outside the joint limits, in collision (which pair, how deep, and the
@@ -56,8 +63,22 @@ def plan_in_world(
     settings = settings or PlanSettings()
     start, _ = checked_end(world.robot.robot, q_start, world.clearance, "q_start", upright=upright)
     goals = _clear_goals(world, np.atleast_2d(np.asarray(q_goals, dtype=float)), upright)
-    query = _WorldQuery(world, start, goals, settings, upright, seed)
-    return query.straight() or query.searched() or query.slow()
+    nearest, others = _in_turns(world.robot.robot, goals, start) if turns else (goals, goals[:0])
+    query = _WorldQuery(world, start, nearest, settings, upright, seed)
+    found = query.straight() or query.searched()
+    if len(others) and (found is None or not found.planned):
+        about = _WorldQuery(world, start, others, settings, upright, seed)
+        further = about.straight() or about.searched()
+        found = further if further is not None and further.planned else found
+    return found or query.slow()
+
+
+def _in_turns(robot: Robot, goals: Array, start: Array) -> tuple[Array, Array]:
+    """Goals (k, n) in whole turns nearest to the start, and in the turns that are next nearest (l, n)."""
+    each = [robot.turns(goal, start, _TURNS) for goal in goals]
+    others = np.concatenate([rows[1:] for rows in each])
+    away = np.linalg.norm(others - start, axis=1)
+    return np.stack([rows[0] for rows in each]), others[np.argsort(away, kind="stable")]
 
 
 class _WorldQuery:
@@ -139,7 +160,7 @@ class _WorldQuery:
     ) -> PlanResult:
         """The shortest path among the spheres that the compiled model proves too; the first one, if no other."""
         assert found.path is not None
-        began = time.process_time()
+        began = clock.cpu_seconds()
         shorter = optimise(body, self.start, goals, found.path, found.goal, effort, self.seed)
         self.evaluations += shorter.looks
         best, corners = first, found.path
@@ -153,7 +174,7 @@ class _WorldQuery:
             path_length(corners),
             self.least,
             shorter.iterations,
-            time.process_time() - began,
+            clock.cpu_seconds() - began,
         )
         return replace(best, evaluations=self.evaluations, optimised=spent)
 

@@ -7,13 +7,13 @@ Starts from a path that was found, and looks for one that is shorter than the be
 from __future__ import annotations
 
 import functools
-import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from workcell import clock
 from workcell.errors import InputError
 from workcell.geometry.packing import random_state
 from workcell.motion.body import kernels
@@ -105,7 +105,7 @@ def optimise(
     ):
         raise InputError("the path does not lead from the start to its goal", where="path")
     prepare_optimising()
-    deadline = time.process_time() + effort.optimise_s
+    deadline = clock.cpu_seconds() + effort.optimise_s
     return _Optimisation(body, start, goals, effort, seed).run(path, goal, deadline)
 
 
@@ -126,7 +126,7 @@ class _Optimisation:
         self.shorten(path, goal)
         trees, rows = self.new_trees()
         entries = kernels()
-        while self.length > least * (1.0 + _CLOSE) and time.process_time() <= deadline:
+        while self.length > least * (1.0 + _CLOSE) and clock.cpu_seconds() <= deadline:
             chunk = min(CHUNK, self.effort.optimise_iterations - self.done)
             if chunk <= 0:
                 break

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from workcell import clock
 from workcell.errors import InputError
 from workcell.ik.hjcd.solver import prepare as prepare_goals
 from workcell.ik.problem import Budget, IKProblem
@@ -35,8 +36,8 @@ if TYPE_CHECKING:
 FIRST_ITERATIONS, FIRST_LOOKS = 200_000, 30_000
 """Samples drawn and configurations looked at in the first round, at most: 0.1 s or so. Every further round has twice as
 many. Counts and not times, so that a slower machine finds the same path."""
-SAMPLING = 0.1
-"""CPU seconds of the first round in which sampling may look for goals, before the whole portfolio is asked; then
+SAMPLING = 1600
+"""Restarts of the first round in which sampling may look for goals, before the whole portfolio is asked; then
 doubled."""
 KEEP = 0.5
 """Share of the clearance that the final proof asks for as its margin."""
@@ -135,7 +136,7 @@ class _Query:
                 where="problem",
                 remedy="workcell.motion.plans.by_checker.plan takes a checker",
             )
-        self.wall, self.cpu = time.perf_counter(), time.process_time()
+        self.wall, self.cpu = time.perf_counter(), clock.cpu_seconds()
         self.problem, self.seed, self.effort, self.budget = problem, seed, effort, budget
         self.body = pack_body(
             problem.robot,
@@ -147,27 +148,25 @@ class _Query:
         self.clearance = BodyClearance(self.body, problem.cover, problem.obstacles)
         self.start, gap = checked_end(problem.robot, q_start, self.clearance, "start", upright=upright)
         self.floor = min(ROOM, 0.5 * gap)
-        self.goals = Goals(problem, self.clearance, upright, seed)
+        self.goals = Goals(problem, self.clearance, upright, seed, self.start)
         self.spent = {"iterations": 0.0, "lines": 0.0, "looks": 0.0, "rounds": 0.0}
 
     def left(self) -> float:
         """CPU seconds that may still be spent."""
-        return self.budget.cpu_s - (time.process_time() - self.cpu)
+        return self.budget.cpu_s - (clock.cpu_seconds() - self.cpu)
 
     def run(self) -> PosePlan:
         reason = "the budget was spent"
         while self.left() > 0 or self.spent["rounds"] == 0:
-            # both kinds of goals may take that long
-            share = min(0.3 * max(self.left(), 0.0), SAMPLING * 2 ** self.spent["rounds"])
-            self.goals.sample(share)
+            scale = 2 ** int(self.spent["rounds"])
+            self.goals.sample(SAMPLING * scale, clock.cpu_seconds() + max(self.left(), 0.0))
             if not self.goals.rows:
                 # sampling finds nothing: let the whole portfolio say whether the pose can be reached at all
-                result = solve(self.problem, budget=Budget(max(0.7 * self.left(), 0.0)), seed=self.seed)
+                result = solve(self.problem, budget=Budget(max(self.left(), 0.0)), seed=self.seed)
                 if result.q is None or not self.goals.allowed(result.q):
                     return self.without_goals(result)
                 self.goals.add([np.array(result.q)])
-            goals = np.stack(self.goals.rows)
-            scale = int(2 ** self.spent["rounds"])
+            goals, rows = self.goals.offered(int(self.spent["rounds"]))
             self.spent["rounds"] += 1
             # the clearance to keep on the way is at most half of the ends'
             floor = min(self.floor, 0.5 * max(self.goals.least, 0.0))
@@ -187,7 +186,7 @@ class _Query:
                 answer = self.answer(body, found.path)
                 if answer is not None:
                     return answer
-                del self.goals.rows[found.goal]
+                del self.goals.rows[rows[found.goal]]
         return self.result(Status.NOT_FOUND, None, reason=reason)
 
     def answer(self, body: Body, path: Array) -> PosePlan | None:
@@ -199,18 +198,20 @@ class _Query:
     def optimised(self, body: Body, path: Array) -> Array:
         """The shortest path that the means for optimising lead to, in rounds with ever more goals and samples."""
         left = self.effort.optimise_iterations
-        deadline = time.process_time() + self.effort.optimise_s
+        deadline = clock.cpu_seconds() + self.effort.optimise_s
         self.spent["first_length"] = path_length(path)
-        self.spent["first_cpu_s"] = time.process_time() - self.cpu
+        self.spent["first_cpu_s"] = clock.cpu_seconds() - self.cpu
         self.spent["optimise_iterations"] = 0.0
         goals, goal, rounds = [q for q in self.goals.rows if self.goals.reaches(q)], path[-1], 0
-        while left > 0 and (rounds == 0 or time.process_time() < deadline):
-            count, now = min(GOALS * 2**rounds, _MOST_GOALS), time.process_time()
+        if not any(np.array_equal(q, goal) for q in goals):
+            goals.append(goal)
+        while left > 0 and (rounds == 0 or clock.cpu_seconds() < deadline):
+            count, now = min(GOALS * 2**rounds, _MOST_GOALS), clock.cpu_seconds()
             goals += self.goals.nearer(path, body.floor, count, now + 0.3 * max(deadline - now, 0.0))
             samples = min(OPTIMISED * 2**rounds, left)
             rounds, left = rounds + 1, left - samples
             effort = replace(
-                self.effort, optimise_s=max(deadline - time.process_time(), 0.0), optimise_iterations=samples
+                self.effort, optimise_s=max(deadline - clock.cpu_seconds(), 0.0), optimise_iterations=samples
             )
             row = next(k for k, q in enumerate(goals) if np.array_equal(q, goal))
             shorter = optimise(body, self.start, goals, path, row, effort, self.seed + rounds)
@@ -255,7 +256,7 @@ class _Query:
             **self.spent,
             "goals": float(len(self.goals.rows)),
             **({} if path is None else {"length": path_length(path)}),
-            "cpu_s": time.process_time() - self.cpu,
+            "cpu_s": clock.cpu_seconds() - self.cpu,
             "time_s": time.perf_counter() - self.wall,
         }
         return PosePlan(status, path, proved, margin, reason, ik, stats)

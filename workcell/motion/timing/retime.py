@@ -53,7 +53,8 @@ def retime(
     """Time a path: C2, at rest at both ends, within the limits, sampled every `dt` seconds.
 
     Args:
-        path: waypoints; the motion passes through each of them (by a hair inside, at a joint limit).
+        path: waypoints; the motion passes through each of them (by a hair inside, at a joint limit), but for those
+            within 1e-3 rad of the one before (1e-4 where the path is one of the tool): they count as that one.
         velocity, acceleration: (n,) or scalar largest absolute values; None: the robot's own.
         tool_speed: largest speed of the tool, metres a second; None: no bound.
         dynamics: of the robot (or the robots of a team) and what it carries: joint torques keep their limits as well;

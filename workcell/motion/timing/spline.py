@@ -15,6 +15,9 @@ _RINGING = 0.05
 """Corner angle times segment length (radians squared) from which a corner gets support points: 1 mrad off the line."""
 SMALLEST = 1e-12
 """What counts as zero: of steps, lengths, speeds, and of what they are divided by."""
+_TWIN, _TOOL_TWIN = 1e-3, 1e-4
+"""Radians (metres) within which a waypoint counts as the one before it: of a path in joint space, and of a tool path,
+where less is noticed. Between two such points lies no way, but any direction: the motion would stop to turn there."""
 _ROUNDS = 40
 """Rounds of moving points to bring a spline inside the joint limits."""
 
@@ -85,9 +88,9 @@ def spline_within_limits(path: Path, support: float) -> JointSpline:
 
     Where that is not enough, support points at every corner shorten the swings first.
     """
-    robot = path.robot
+    robot, twin = path.robot, _TOOL_TWIN if path.tool_poses else _TWIN
     for ringing in (_RINGING, 0.0):
-        points = _with_support(path.configurations, support, ringing)
+        points = _with_support(_without_twins(path.configurations, twin), support, ringing)
         for _ in range(_ROUNDS):
             spline = JointSpline.through(points)
             smallest, largest = spline.extremes()
@@ -105,15 +108,30 @@ def spline_within_limits(path: Path, support: float) -> JointSpline:
     )
 
 
-def _with_support(waypoints: Array, support: float, ringing: float) -> Array:
+def _without_twins(waypoints: Array, near: float) -> Array:
+    """Waypoints (k, n) but for those within `near` of the last one kept; both ends are kept.
+
+    A path that is shorter than that keeps all that differ.
+    """
+    kept = [0]
+    for k in range(1, len(waypoints) - 1):
+        if np.linalg.norm(waypoints[k] - waypoints[kept[-1]]) > near:
+            kept.append(k)
+    while len(kept) > 1 and np.linalg.norm(waypoints[-1] - waypoints[kept[-1]]) <= near:
+        kept.pop()
+    if len(kept) == 1 and np.linalg.norm(waypoints[-1] - waypoints[0]) <= near:
+        return waypoints
+    return waypoints[[*kept, len(waypoints) - 1]]
+
+
+def _with_support(points: Array, support: float, ringing: float) -> Array:
     """Waypoints without repetitions, with points at 1, 2, 4 ... times `support` from corners along long segments.
 
     A cubic spline rings after a corner by about a fiftieth of the corner's angle times the length of the segment; where
     that is too much, extra points hold it on the line. The ringing decays by a factor of about four a knot, so that
     the spacing may double from knot to knot.
     """
-    moved = np.append(True, np.abs(np.diff(waypoints, axis=0)).max(axis=1) > SMALLEST)
-    points = waypoints[moved]
+    points = points[np.append(True, np.abs(np.diff(points, axis=0)).max(axis=1) > SMALLEST)]
     if len(points) < 2:
         raise InputError(
             "the path does not move", where="path", remedy="a path takes two different configurations"

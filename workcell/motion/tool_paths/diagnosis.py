@@ -14,10 +14,10 @@ from workcell.motion.tool_paths.result import FollowFailure, FollowResult, Follo
 from workcell.motion.tool_paths.steps import Tolerant, nearby_poses
 from workcell.pose import Array, Pose
 
-GLANCE = Budget(0.03)
-"""CPU seconds in which a configuration of a pose is looked for, before a proof that there is none."""
-DIAGNOSIS = Budget(2.0)
-"""CPU seconds to find out why no motion reaches a pose."""
+GLANCE = Budget(60.0, effort=0.03)
+"""For a configuration of a pose, before a proof that there is none."""
+DIAGNOSIS = Budget(60.0, effort=2.0)
+"""To find out why no motion reaches a pose."""
 DIAGNOSES = 3
 """Poses of one path that so much is spent on."""
 PROVED = (FollowStatus.UNREACHABLE, FollowStatus.BLOCKED)
@@ -66,7 +66,7 @@ class Coroner:
     def at(self, row: int, q_before: Array, detail: str = "") -> FollowResult:
         """The path ends before a pose, the arm at `q_before` (n,); `detail`: what is known if the pose is possible."""
         poses = 1 + len(nearby_poses(self.poses[row], self.tolerance, 1.0, 1.0))
-        share = Budget(DIAGNOSIS.cpu_s / poses)
+        share = DIAGNOSIS.shared(poses)
         answer = Tolerant(step_solver(self.solver, share, self.seed), self.tolerance)
         reason = diagnose(answer, self.problem, self.poses[row], q_before, self.max_step)
         status, words = reason.status, reason.detail

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from workcell.errors import InputError
 from workcell.geometry.types import SphereCover
-from workcell.ik.problem import Budget, Clearance, IKProblem
+from workcell.ik.problem import POSE_BUDGET, Budget, Clearance, IKProblem
 from workcell.ik.result import IKResult, Status
 from workcell.motion.path import Path
 from workcell.motion.proofs.on_model import Proof, prove_segment
@@ -48,8 +48,8 @@ __all__ = [
     "step_solver",
 ]
 
-STEP_BUDGET = Budget(1.0)
-"""CPU seconds for one answer of the convex solver along a path."""
+STEP_BUDGET = Budget(60.0, effort=1.0)
+"""For one answer of the convex solver along a path. The effort ends it, which is the same at any load."""
 _FINAL = (FollowStatus.UNREACHABLE, FollowStatus.BLOCKED, FollowStatus.BLOCKED_IN_MODEL)
 """What is true of a pose however near the one before it is."""
 
@@ -96,7 +96,7 @@ def step_solver(name: str = "ikspark", budget: Budget | None = None, seed: int =
     from workcell.ik.solve import solve
 
     def answer(problem: IKProblem) -> IKResult:
-        return solve(problem, solver=name, budget=budget or Budget(), seed=seed)
+        return solve(problem, solver=name, budget=budget or POSE_BUDGET, seed=seed)
 
     return answer
 

@@ -21,8 +21,8 @@ from workcell.pose import Array, Pose
 
 STARTS = 12
 """Configurations of the first pose that are tried."""
-START_BUDGET, NEAR_BUDGET = Budget(0.6), Budget(0.15)
-"""CPU seconds for the samples of the first pose, and for those near where the robot stands."""
+START_BUDGET, NEAR_BUDGET = Budget(60.0, effort=0.6), Budget(60.0, effort=0.15)
+"""For the samples of the first pose, and for those near where the robot stands."""
 APPROACH = 1.0
 """What a radian of the way to a route's start costs, in radians of the route."""
 

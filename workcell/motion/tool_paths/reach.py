@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from workcell.errors import InputError
-from workcell.ik.problem import Budget
+from workcell.ik.problem import POSE_BUDGET, Budget
 from workcell.ik.result import IKResult
 from workcell.ik.solve import solve
 from workcell.motion.body import Upright
@@ -30,12 +30,13 @@ from workcell.motion.tool_paths.follow import (
     local_solver,
     step_solver,
 )
-from workcell.motion.tool_paths.starts import turned_towards
 from workcell.pose import Array, Pose
 from workcell.world.planning_world import PlanningWorld
 
-_DIRECT_BUDGET, _DIRECT_HALVINGS = Budget(0.25), 3
-"""CPU seconds of the solver behind a step of the direct way, and how often the distance between its poses is halved."""
+_DIRECT_BUDGET, _DIRECT_HALVINGS = Budget(60.0, effort=0.25), 3
+"""What the solver behind a step of the direct way may spend, and how often the distance between its poses is halved."""
+_TURNS = 3
+"""Configurations of one goal, whole turns apart, that are tried; the nearest first."""
 _LOOKS = 4
 """Configurations between two waypoints at which the tool's tilt is looked at."""
 
@@ -135,13 +136,15 @@ class _Query:
         """By way of the goal configuration nearest to the start that leads out of the narrow way."""
         robot, answers, failures = self.world.robot.robot, list[IKResult](), list[str]()
         for k in range(tries):
-            answers.append(solve(self.world.problem(self.inward[-1]), solver=self.solver, seed=self.seed + k))
+            problem = self.world.problem(self.inward[-1])
+            answers.append(solve(problem, self.solver, POSE_BUDGET, self.seed + k))
             if answers[-1].status.is_proof:
                 failures.append(answers[-1].status.sentence)
                 break
             if not answers[-1].solved:
                 failures.append(f"goal configuration {k}: {answers[-1].status.sentence}")
-        goals = [(turned_towards(robot, ik.unwrap(), q_start), ik) for ik in answers if ik.solved]
+        solved = [ik for ik in answers if ik.solved]
+        goals = [(q, ik) for ik in solved for q in robot.turns(ik.unwrap(), q_start, _TURNS)]
         # a transfer with half a turn less is shorter, and gentler to what is in the hand
         goals.sort(key=lambda goal: float(np.abs(goal[0] - q_start).max()))
         for k, (q_goal, ik) in enumerate(goals):
@@ -157,7 +160,9 @@ class _Query:
         if back is None:
             return None, why
         settings = PlanSettings(clearance=self.limits.clearance)
-        way = plan_in_world(self.world, q_start, back.end, settings=settings, upright=self.upright, seed=seed)
+        way = plan_in_world(
+            self.world, q_start, back.end, settings=settings, upright=self.upright, seed=seed, turns=False
+        )
         return (None, way.detail) if way.path is None else (way.path + back.reversed(), "")
 
     def _followed(

@@ -5,12 +5,12 @@ Beside them solvers of poses for paths with a tolerance (`Tolerant`).
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
+from workcell import clock
 from workcell.ik.judge.verify import Verifier
 from workcell.ik.observing import report
 from workcell.ik.problem import IKProblem
@@ -62,7 +62,7 @@ class LocalSolver:
         """
         from workcell.jit import compile_seconds
 
-        begun, compiled = time.process_time(), compile_seconds()
+        begun, compiled = clock.cpu_seconds(), compile_seconds()
         reference = problem.q_reference
         name = "proposed step"
         result = None if proposed is None else accepted(problem, proposed, self.tolerance)
@@ -73,7 +73,7 @@ class LocalSolver:
                 result = accepted(problem, tracked.configurations[0], self.tolerance)
         if result is not None:
             self.local += 1
-            spent = time.process_time() - begun
+            spent = clock.cpu_seconds() - begun
             if compile_seconds() > compiled:
                 name = f"{name}, with compiling"
             stage = SolverStage(name, spent, note="accepted", solver="local")

@@ -76,9 +76,11 @@ def regular_bytes(path: Path) -> bytes:
     except ValueError:
         raise OSError(errno.EINVAL, "no file can have this name") from None
     try:
-        if not stat.S_ISREG(mode := os.fstat(handle).st_mode):
-            kind = "a folder" if stat.S_ISDIR(mode) else "a device or a pipe"
-            raise OSError(errno.EINVAL, f"{kind} stands there, not a plain file")
+        mode = os.fstat(handle).st_mode
+        if stat.S_ISDIR(mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        if not stat.S_ISREG(mode):
+            raise OSError(errno.EINVAL, "a device or a pipe stands there, not a plain file")
         with os.fdopen(handle, "rb", closefd=False) as file:
             return file.read()
     finally:

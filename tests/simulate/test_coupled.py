@@ -139,5 +139,5 @@ def test_hardness_that_a_file_gives_stays_and_other_drives_of_who_follows_are_re
     given = planar().replace("<joint joint1", '<joint solref="0.05 1" joint1')
     assert scene_of(tmp_path, given).model.eq_solref[0].tolist() == [0.05, 1.0]
     servo = planar().replace("</actuator>", '<position name="m2" joint="j2" kp="10"/></actuator>')
-    with pytest.raises(ModelError, match="'arm/m2' is not a torque motor"):
+    with pytest.raises(ModelError, match="'arm/m2' can't be driven"):
         Simulation(scene_of(tmp_path, servo))

@@ -8,6 +8,7 @@ where that is read-only; `NUMBA_CACHE_DIR` overrides both.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import glob
 import hashlib
@@ -169,9 +170,10 @@ class KernelFile(IndexDataCacheFile):  # type: ignore[misc]
     def _remove_stale(self) -> None:
         """Remove what an earlier version of the kernel left: the files that are older than its index."""
         index, base = Path(self._index_path), self._index_name.removesuffix(".nbi")
-        if index.exists():
+        with contextlib.suppress(FileNotFoundError):  # another process may do the same
+            made = index.stat().st_mtime
             for file in index.parent.glob(f"{glob.escape(base)}.*.nbc"):
-                if file.stat().st_mtime < index.stat().st_mtime:
+                if file.stat().st_mtime < made:
                     file.unlink(missing_ok=True)
 
     @property

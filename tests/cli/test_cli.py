@@ -111,7 +111,6 @@ def test_ik_out_of_reach_is_proved(capsys):
         (("bench", "nothing"), "no bench named"),
         (("bench",), "which bench"),
         (("decompose", "shelff"), "did you mean shelf"),
-        (("decompose", "shelf"), "there is no robot here"),
         (("decompose", "dual_arm_carry"), "name one (known: left, right)"),
         (("decompose", "shelf", "--robot", "ur10", "--overshoot", "1e-9"), "0.0005 or more"),
     ],

@@ -93,7 +93,7 @@ def test_a_blocked_target_is_blocked_in_reality_and_says_why(world: PlanningWorl
     claimed = replace(result.certificate, problem_hash=problem_hash(open_.inside()))
     assert "need not penetrate" in str(check_certificate(open_, claimed))
     claimed = replace(result.certificate, problem_hash=problem_hash(problem))
-    assert "that is of the scope 'model'" in str(check_certificate(problem, claimed))
+    assert "a sphere or an obstacle that isn't there" in str(check_certificate(problem, claimed))
     why = explain(problem, result)
     assert [cause.name for cause in why.causes] == ["block"]
     assert why.solution is not None

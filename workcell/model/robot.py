@@ -23,6 +23,8 @@ from workcell.model.coupling import Coupling, value_range
 from workcell.pose import Array, Pose, axis_angle_to_matrix, read_only
 
 _TURN = 2 * np.pi
+_ROUNDING = 1e-12
+"""Radians."""
 LIMIT_SLACK = 1e-6
 """Radians (metres) by which a configuration may exceed its limits and still count as inside them."""
 
@@ -267,9 +269,14 @@ class Robot:
         return np.where(self.repeats & (np.abs(turned - q) > 1.0), turned, q)
 
     def _allowed_turns(self, q: Array) -> tuple[Array, Array]:
-        """The least and the largest number of whole turns (..., n) by which angles stay in their limits, with slack."""
-        least = np.ceil((self.lower - LIMIT_SLACK - q) / _TURN)
-        return least, np.floor((self.upper + LIMIT_SLACK - q) / _TURN)
+        """The least and the largest number of whole turns (..., n) by which angles stay in their limits.
+
+        An angle that is inside with `LIMIT_SLACK` may stay; a turn has to end inside but for rounding.
+        """
+        least = np.ceil((self.lower - _ROUNDING - q) / _TURN)
+        most = np.floor((self.upper + _ROUNDING - q) / _TURN)
+        stays = (q >= self.lower - LIMIT_SLACK) & (q <= self.upper + LIMIT_SLACK)
+        return np.where(stays, np.minimum(least, 0.0), least), np.where(stays, np.maximum(most, 0.0), most)
 
     def turns(self, q: ArrayLike, reference: ArrayLike, most: int = 64) -> Array:
         """Up to `most` configurations (k, n) with all links where q (n,) has them, within the limits.

@@ -215,7 +215,7 @@ class _Reader:
     def number(self, table: Mapping[str, Any], key: str, at: str, *, default: float) -> float:
         value = table.get(key, default)
         if not _is_number(value):
-            raise self.error(f"{at}.{key}", f"is {value!r}", f"a number of at most {_LARGEST:g}")
+            raise self.error(f"{at}.{key}", f"is {value!r}", f"a finite number of at most {_LARGEST:g}")
         return float(value)
 
     def numbers(
@@ -226,7 +226,7 @@ class _Reader:
             raise self.error(
                 f"{at}.{key}",
                 "is missing" if value is None else f"is {value!r}",
-                f"a list of numbers of at most {_LARGEST:g} each",
+                f"a list of finite numbers of at most {_LARGEST:g} each",
             )
         return tuple(float(x) for x in value)
 

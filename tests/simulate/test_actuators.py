@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 
 from tests.simulate.test_simulation import quintic
 from workcell.errors import ModelError
+from workcell.model.loading.actuators import servo_range
 from workcell.model.scene import Scene
 from workcell.simulate.controller import CONTROLLERS
 from workcell.simulate.simulation import Simulation
@@ -70,3 +72,40 @@ def test_by_either_controller(tmp_path, controller):
 def test_what_takes_none_is_refused_with_the_reason(tmp_path, actuator):
     with pytest.raises(ModelError, match=UNDRIVEN[actuator]):
         Simulation(arm(tmp_path, actuator))
+
+
+@pytest.mark.parametrize(
+    "servo",
+    [
+        '<position joint="{j}" kp="400" kv="40" ctrlrange="-1.5 1.2"/>',
+        '<position joint="{j}" kp="300" gear="-2" ctrlrange="-2 3"/>',
+        '<general joint="{j}" gainprm="50" biastype="affine" biasprm="1 -20 -3" ctrlrange="-.3 .5"/>',
+    ],
+)
+def test_a_scene_to_be_executed_keeps_within_what_its_servos_can_hold(tmp_path, servo):
+    scene = arm(tmp_path, servo)
+    narrow = scene.drivable().robot()
+    assert np.all(narrow.robot.lower >= scene.robot().robot.lower)
+    assert np.any(narrow.robot.lower > scene.robot().robot.lower)
+    data = mujoco.MjData(scene.model)
+    for k, address in enumerate(narrow.qpos_addresses):
+        for end in servo_range(scene.model, int(narrow.actuator_ids[k])):
+            forces = []
+            for value in scene.model.actuator_ctrlrange[k]:
+                data.qpos[address], data.ctrl[k] = end, value
+                mujoco.mj_forward(scene.model, data)
+                forces.append(abs(data.actuator_force[k]))
+            assert min(forces) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_start_beyond_a_servos_range_stays_a_start(tmp_path):
+    scene = arm(tmp_path, '<position joint="{j}" kp="400" ctrlrange="0.2 1"/>')
+    kept = scene.drivable().robot()
+    assert np.array_equal(kept.start, np.zeros(3)) and np.array_equal(kept.robot.lower, np.zeros(3))
+    assert np.array_equal(kept.robot.upper, np.ones(3))
+
+
+def test_motors_and_servos_without_a_range_narrow_nothing(tmp_path):
+    for kind in ("motor", "position with gear", "velocity"):
+        scene = arm(tmp_path, DRIVEN[kind])
+        assert scene.drivable().robot() is scene.robot()

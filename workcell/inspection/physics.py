@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from workcell.inspection.findings import Finding, beware, wrong
-from workcell.model.loading.actuators import undriven_because
+from workcell.model.loading.actuators import servo_range, undriven_because
 
 if TYPE_CHECKING:
     import mujoco
@@ -60,10 +60,19 @@ def _listed(value: object) -> str:
 
 
 def actuator_findings(scene: Scene) -> Iterator[Finding]:
-    """Actuators of robots' joints that no controller can drive."""
+    """Actuators of robots' joints that no controller can drive, or not as far as the joint goes."""
     model = scene.model
     for robot in scene.robots.values():
-        for actuator in map(int, robot.actuator_ids):
+        for k, actuator in enumerate(map(int, robot.actuator_ids)):
+            held = servo_range(model, actuator) if actuator >= 0 else None
+            low, high = robot.robot.joint_limits[k]
+            if held is not None and (held[0] > low or held[1] < high):
+                yield beware(
+                    "actuator",
+                    f"the servo {model.actuator(actuator).name!r} of {robot.name} holds its joint within [{held[0]:.4f}, "
+                    f"{held[1]:.4f}] (ctrlrange), the joint goes from {low:.4f} to {high:.4f}: tasks stay within both",
+                    actuator=model.actuator(actuator).name, robot=robot.name,
+                )  # fmt: skip
             reason = undriven_because(model, actuator) if actuator >= 0 else None
             if reason is not None:
                 name = model.actuator(actuator).name

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from workcell.errors import InputError, UnknownNameError
+from workcell.model.loading.actuators import servo_range
 from workcell.model.loading.assets import find_asset
 from workcell.model.loading.build import (
     add_grasp_welds,
@@ -135,6 +136,23 @@ class Scene:
         actor = self.robot(robot)
         actor.robot.check_limits(q, where=f"start of {robot!r}")
         return replace(self, robots={**self.robots, robot: replace(actor, start=read_only(q))})
+
+    def drivable(self) -> Scene:
+        """The same scene with joint limits that the robots' position servos can keep, for what is to be executed.
+
+        A servo can't hold a joint where its `ctrlrange` does not reach. Limits still hold the start.
+        """
+        robots = dict(self.robots)
+        for name, actor in robots.items():
+            lower, upper = np.array(actor.robot.lower), np.array(actor.robot.upper)
+            for k, actuator in enumerate(map(int, actor.actuator_ids)):
+                held = servo_range(self.model, actuator) if actuator >= 0 else None
+                if held is not None:
+                    lower[k] = max(lower[k], min(held[0], actor.start[k]))
+                    upper[k] = min(upper[k], max(held[1], actor.start[k]))
+            if np.any(lower > actor.robot.lower) or np.any(upper < actor.robot.upper):
+                robots[name] = replace(actor, robot=replace(actor.robot, lower=lower, upper=upper))
+        return replace(self, robots=robots)
 
     def actuators(self) -> dict[str, int]:
         """Ids of the cell's own actuators, no robot's among them, by name: a chuck's, a door's."""

@@ -67,7 +67,7 @@ def run_task(
     compile_ahead(TRACKING, PLANNING, SAMPLING)
     path = find_task(task)
     script = load_script(path)
-    scene = Scene.load(path, robot=robot, seed=seed)
+    scene = Scene.load(path, robot=robot, seed=seed).drivable()
     _check_starts(scene)
     folder = Path(out) if out is not None else Path("runs") / path.stem
     name = scene.name

@@ -74,6 +74,24 @@ def undriven_because(model: mujoco.MjModel, actuator: int) -> str | None:
     return None
 
 
+def servo_range(model: mujoco.MjModel, actuator: int) -> tuple[float, float] | None:
+    """Where a position servo can hold its joint: where it gives no force at some control value of its `ctrlrange`.
+
+    None for what is no servo of positions, or has no limit of its control values.
+    """
+    import mujoco
+
+    affine = model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_AFFINE
+    spring = float(model.actuator_biasprm[actuator, 1]) * float(model.actuator_gear[actuator, 0])
+    if not affine or spring == 0.0 or not model.actuator_ctrllimited[actuator]:
+        return None
+    if undriven_because(model, actuator) is not None:
+        return None
+    gain, bias = float(model.actuator_gainprm[actuator, 0]), float(model.actuator_biasprm[actuator, 0])
+    first, last = (-(gain * float(control) + bias) / spring for control in model.actuator_ctrlrange[actuator])
+    return min(first, last), max(first, last)
+
+
 def actuator_targets(model: mujoco.MjModel, actuator: int) -> tuple[int, ...]:
     """Bodies that an actuator acts on: by a joint, a site, a body, or a tendon through its joints, sites and geoms."""
     import mujoco

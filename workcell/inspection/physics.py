@@ -70,7 +70,8 @@ def actuator_findings(scene: Scene) -> Iterator[Finding]:
                 yield beware(
                     "actuator",
                     f"the servo {model.actuator(actuator).name!r} of {robot.name} holds its joint within "
-                    f"[{held[0]:.4f}, {held[1]:.4f}] (ctrlrange), the joint goes from {low:.4f} to {high:.4f}: tasks stay within both",
+                    f"[{held[0]:.4f}, {held[1]:.4f}] (ctrlrange), the joint goes from {low:.4f} to {high:.4f}: "
+                    "tasks stay within both",
                     actuator=model.actuator(actuator).name, robot=robot.name,
                 )  # fmt: skip
             reason = undriven_because(model, actuator) if actuator >= 0 else None

@@ -262,6 +262,8 @@ class Robot:
         """
         q = np.array(q, dtype=float)
         centre = 0.5 * (self.lower + self.upper) if reference is None else np.asarray(reference, dtype=float)
+        if np.abs(q - centre).max(initial=0.0) < np.pi and self.within_limits(q).all():
+            return q
         wanted = np.round((centre - q) / _TURN)
         least, most = self._allowed_turns(q)
         within = np.clip(q + _TURN * np.clip(wanted, least, most), self.lower, self.upper)
@@ -278,6 +280,12 @@ class Robot:
         stays = (q >= self.lower - LIMIT_SLACK) & (q <= self.upper + LIMIT_SLACK)
         return np.where(stays, np.minimum(least, 0.0), least), np.where(stays, np.maximum(most, 0.0), most)
 
+    def has_turns(self, q: ArrayLike) -> NDArray[np.bool_]:
+        """Whether configurations (..., n) stay within the limits after a whole turn of some joint: (...)."""
+        least, largest = self._allowed_turns(np.asarray(q, dtype=float))
+        able: NDArray[np.bool_] = np.any((largest > least) & self.repeats, axis=-1)
+        return able
+
     def turns(self, q: ArrayLike, reference: ArrayLike, most: int = 64) -> Array:
         """Up to `most` configurations (k, n) with all links where q (n,) has them, within the limits.
 
@@ -285,6 +293,8 @@ class Robot:
         into the limits is its only one.
         """
         first = self.unwrap(q, reference)
+        if not self.has_turns(first):
+            return first[None]
         least, largest = self._allowed_turns(first)
         ranges = [
             range(int(low), int(high) + 1) if repeats and low <= 0 <= high else range(1)

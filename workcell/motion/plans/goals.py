@@ -119,8 +119,9 @@ class Goals:
     def offered(self, rounds: int) -> tuple[Array, list[int]]:
         """Goals (k, n) to plan to, and the row of each; with every round in more whole turns, nearest first."""
         robot = self._problem.robot
+        able = np.flatnonzero(robot.has_turns(np.stack(self.rows)))
         more = [
-            (row, q) for row, q in enumerate(self.rows) for q in robot.turns(q, self._start, 1 + rounds)[1:]
+            (int(row), q) for row in able for q in robot.turns(self.rows[row], self._start, 1 + rounds)[1:]
         ]
         more.sort(key=lambda other: float(np.linalg.norm(other[1] - self._start)))
         return np.stack([*self.rows, *(q for _, q in more)]), [

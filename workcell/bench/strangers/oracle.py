@@ -63,11 +63,22 @@ class Oracle:
         for prefix, arm in cell.arms.items():
             for name in arm.driven:
                 joint = self.model.joint(prefix + name)
-                qpos[joint.qposadr[0]] = np.clip(
-                    qpos[joint.qposadr[0]], *arm.limits.get(name, tuple(joint.range))
-                )
+                low, high = self._room(prefix, arm, name)
+                qpos[joint.qposadr[0]] = np.clip(qpos[joint.qposadr[0]], low, high)
             self._follow(qpos, prefix, arm)
         return qpos
+
+    def _room(self, prefix: str, arm: Arm, name: str) -> tuple[float, float]:
+        """Limits of a driven joint within which its followers, straight lines of it, keep theirs."""
+        joint = self.model.joint(prefix + name)
+        low, high = arm.limits.get(name, tuple(joint.range))
+        for follower in arm.followers:
+            if follower.leader == name:
+                other, (offset, gain) = self.model.joint(prefix + follower.name), follower.polycoef[:2]
+                ends = np.array(arm.limits.get(follower.name, tuple(other.range)))
+                leads = joint.qpos0[0] + (ends - other.qpos0[0] - offset) / gain
+                low, high = max(low, leads.min()), min(high, leads.max())
+        return float(low), float(high)
 
     def _follow(self, qpos: Array, prefix: str, arm: Arm) -> None:
         for follower in arm.followers:

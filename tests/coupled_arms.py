@@ -1,5 +1,6 @@
 """Arms in which joints follow others: MJCF with polynomials, chains of them, references, hinges and slides."""
 
+import mujoco
 import numpy as np
 
 BODY = """
@@ -70,3 +71,11 @@ def planar(multiple=1.0, offset=0.0, limits=(-1.5, 1.5), follower=(-1.5, 1.5)):
   <equality><joint joint1="j2" joint2="j1" polycoef="{offset} {multiple} 0 0 0"/></equality>
   <actuator><motor name="m1" joint="j1"/></actuator></mujoco>
 """
+
+
+def residuals(model, qpos):
+    """(neq,) what MuJoCo itself says that is missing of each equality."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos
+    mujoco.mj_forward(model, data)
+    return data.efc_pos[data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY]

@@ -134,10 +134,15 @@ def test_problem_sets(capsys, tmp_path, seed):
 
 def test_problem_sets_that_are_solved_and_planned(capsys, tmp_path):
     rng, path = random.Random(9), tmp_path / "set.json"
+    path.write_text(json.dumps(SET))
+    assert answered(capsys, "solve", str(path), "--budget-s", "0.5", "--solver", "hjcd")[0] == exit_codes.DONE
     for _ in range(6):
         path.write_text(json.dumps(mutated(SET, rng)))
-        answered(capsys, "solve", str(path), "--budget-s", "0.05", "--solver", "hjcd")
-        answered(capsys, "plan", str(path), "--budget-s", "0.05")
+        solved = answered(capsys, "solve", str(path), "--budget-s", "0.05", "--solver", "hjcd")
+        planned = answered(capsys, "plan", str(path), "--budget-s", "0.05")
+        for code, out, err in (solved, planned):
+            assert (code == exit_codes.BAD_INPUT) == (len(err.strip().splitlines()) == 1), err
+            assert code == exit_codes.BAD_INPUT or out.strip()
 
 
 @pytest.mark.parametrize("line", [ANSWER, PATH, PROOF], ids=["answer", "path", "proof"])

@@ -7,7 +7,7 @@ from tests.geometry.shapes import BOUNDED, points_inside, random_piece
 from workcell.geometry.engine import ClearanceEngine
 from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.types import Piece, SphereCover
-from workcell.model.robot import serial_robot
+from workcell.model.serial import serial_robot
 from workcell.pose import Pose
 
 KINDS = (*BOUNDED, "halfspace")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from workcell.model.robot import Robot, serial_robot
+from workcell.model.robot import Robot
+from workcell.model.serial import serial_robot
 from workcell.pose import Pose, axis_angle_to_matrix, matrix_to_quat
 
 

@@ -15,7 +15,8 @@ from workcell.ik.registry import solver_names
 from workcell.ik.result import Status
 from workcell.ik.solve import solve
 from workcell.ik.trees.query import Goal
-from workcell.model.robot import Robot, serial_robot
+from workcell.model.robot import Robot
+from workcell.model.serial import serial_robot
 from workcell.pose import Pose
 
 HALF_TURN = 3.1416

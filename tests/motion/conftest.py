@@ -5,7 +5,7 @@ import pytest
 
 from workcell.geometry.types import SphereCover
 from workcell.ik.problem import Clearance
-from workcell.model.robot import serial_robot
+from workcell.model.serial import serial_robot
 from workcell.pose import Pose
 
 

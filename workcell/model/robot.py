@@ -9,8 +9,7 @@ place them of the m joints; n = m otherwise.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -20,18 +19,12 @@ from numpy.typing import ArrayLike, NDArray
 from workcell.errors import InputError, ModelError, UnknownNameError
 from workcell.identity_cache import ByIdentity
 from workcell.model.coupling import Coupling, value_range
+from workcell.model.exact_frames import NEARLY, rotations, unit_vectors
+from workcell.model.turns import Room, all_turns, has_turns, nearest_turn
 from workcell.pose import Array, Pose, axis_angle_to_matrix, read_only
 
-_TURN = 2 * np.pi
-_ROUNDING = 1e-12
-"""Radians."""
 LIMIT_SLACK = 1e-6
 """Radians (metres) by which a configuration may exceed its limits and still count as inside them."""
-
-_NEARLY = 1e-6
-"""How far axes may be from unit vectors, and joint frames from rotations; they are made exact."""
-_ROUNDED = 3e-15
-"""How far from exact rounding alone may leave them: such are taken as they are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,8 +104,8 @@ class Robot:
             home = np.zeros(n)
         object.__setattr__(self, "home", read_only(np.clip(home, self.lower, self.upper)))
         self._validate(n)
-        object.__setattr__(self, "axis", read_only(_units(self.axis)))
-        object.__setattr__(self, "joint_rotation", read_only(_rotations(self.joint_rotation)))
+        object.__setattr__(self, "axis", read_only(unit_vectors(self.axis)))
+        object.__setattr__(self, "joint_rotation", read_only(rotations(self.joint_rotation)))
 
     def _validate(self, n: int) -> None:
         m = self.joint_count
@@ -134,9 +127,9 @@ class Robot:
                 )
         names = self.all_joint_names
         for joint, axis, R in zip(names, self.axis, self.joint_rotation, strict=True):
-            if not abs(np.linalg.norm(axis) - 1.0) <= _NEARLY:
+            if not abs(np.linalg.norm(axis) - 1.0) <= NEARLY:
                 raise ModelError(f"the axis of joint {joint!r} is not a unit vector", where=self.name)
-            if not np.abs(R @ R.T - np.eye(3)).max() <= _NEARLY or np.linalg.det(R) < 0:
+            if not np.abs(R @ R.T - np.eye(3)).max() <= NEARLY or np.linalg.det(R) < 0:
                 raise ModelError(f"the frame of joint {joint!r} is not turned by a rotation", where=self.name)
         if self.default_tool not in self.tools:
             raise UnknownNameError("tool", self.default_tool, self.tools, where=self.name)
@@ -260,31 +253,12 @@ class Robot:
         Links stay where they are: what doesn't repeat after a turn (`repeats`) keeps its value. Angles (..., n) that no
         turn brings into the limits come nearest to the reference, or to the middle of the limits.
         """
-        q = np.array(q, dtype=float)
         centre = 0.5 * (self.lower + self.upper) if reference is None else np.asarray(reference, dtype=float)
-        if np.abs(q - centre).max(initial=0.0) < np.pi and self.within_limits(q).all():
-            return q
-        wanted = np.round((centre - q) / _TURN)
-        least, most = self._allowed_turns(q)
-        within = np.clip(q + _TURN * np.clip(wanted, least, most), self.lower, self.upper)
-        turned = np.where(least <= most, within, q + _TURN * wanted)
-        return np.where(self.repeats & (np.abs(turned - q) > 1.0), turned, q)
-
-    def _allowed_turns(self, q: Array) -> tuple[Array, Array]:
-        """The least and the largest number of whole turns (..., n) by which angles stay in their limits.
-
-        An angle that is inside with `LIMIT_SLACK` may stay; a turn has to end inside but for rounding.
-        """
-        least = np.ceil((self.lower - _ROUNDING - q) / _TURN)
-        most = np.floor((self.upper + _ROUNDING - q) / _TURN)
-        stays = (q >= self.lower - LIMIT_SLACK) & (q <= self.upper + LIMIT_SLACK)
-        return np.where(stays, np.minimum(least, 0.0), least), np.where(stays, np.maximum(most, 0.0), most)
+        return nearest_turn(self._room, q, centre)
 
     def has_turns(self, q: ArrayLike) -> NDArray[np.bool_]:
         """Whether configurations (..., n) stay within the limits after a whole turn of some joint: (...)."""
-        least, largest = self._allowed_turns(np.asarray(q, dtype=float))
-        able: NDArray[np.bool_] = np.any((largest > least) & self.repeats, axis=-1)
-        return able
+        return has_turns(self._room, np.asarray(q, dtype=float))
 
     def turns(self, q: ArrayLike, reference: ArrayLike, most: int = 64) -> Array:
         """Up to `most` configurations (k, n) with all links where q (n,) has them, within the limits.
@@ -292,20 +266,11 @@ class Robot:
         They differ by whole turns of joints; the nearest to the reference (n,) comes first. A q that no turn brings
         into the limits is its only one.
         """
-        first = self.unwrap(q, reference)
-        if not self.has_turns(first):
-            return first[None]
-        least, largest = self._allowed_turns(first)
-        ranges = [
-            range(int(low), int(high) + 1) if repeats and low <= 0 <= high else range(1)
-            for repeats, low, high in zip(self.repeats, least, largest, strict=True)
-        ]
-        # of very many the nearest of each joint are enough
-        near = [sorted(numbers, key=abs)[: 3 if len(ranges) > 6 else 5] for numbers in ranges]
-        whole = _TURN * np.array(list(itertools.product(*near)), dtype=float)
-        rows = np.where(whole == 0.0, first, np.clip(first + whole, self.lower, self.upper))
-        away = np.linalg.norm(rows - np.asarray(reference, dtype=float), axis=1)
-        return rows[np.argsort(away, kind="stable")[:most]]
+        return all_turns(self._room, q, np.asarray(reference, dtype=float), most)
+
+    @property
+    def _room(self) -> Room:
+        return Room(self.lower, self.upper, self.repeats, LIMIT_SLACK)
 
     def random_configuration(self, rng: np.random.Generator, size: int | None = None) -> Array:
         """Uniform in the limits: (n,), or (size, n)."""
@@ -422,23 +387,6 @@ class Robot:
         return float(links + travel.sum())
 
 
-def _units(vectors: Array) -> Array:
-    """Vectors (n, 3) made unit vectors, those that are but for rounding as they are."""
-    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    units: Array = np.where(np.abs(lengths - 1.0) > _ROUNDED, vectors / lengths, vectors)
-    return units
-
-
-def _rotations(matrices: Array) -> Array:
-    """Matrices (n, 3, 3) made the rotations nearest to them, those that are but for rounding as they are."""
-    off = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max(axis=(-2, -1))
-    if not np.any(off > _ROUNDED):
-        return matrices
-    left, _, right = np.linalg.svd(matrices)
-    rotations: Array = np.where((off > _ROUNDED)[:, None, None], left @ right, matrices)
-    return rotations
-
-
 _uncoupled_robots = ByIdentity()
 
 
@@ -461,38 +409,4 @@ def _uncoupled(robot: Robot) -> Robot:
         effort=unlimited,
         home=coupling.values(robot.home),
         coupling=None,
-    )
-
-
-def serial_robot(
-    name: str,
-    joints: Sequence[Mapping[str, object]],
-    T_link_tool: Pose,
-) -> Robot:
-    """A serial revolute robot from joints `{name, xyz, quat, axis, lower, upper}` (problem-set files)."""
-    n = len(joints)
-
-    def column(key: str) -> Array:
-        return np.array([joint[key] for joint in joints], dtype=float)
-
-    from workcell.pose import quat_to_matrix
-
-    names = tuple(str(joint["name"]) for joint in joints)
-    unlimited = np.full(n, np.inf)
-    return Robot(
-        name=name,
-        joint_names=names,
-        link_names=("base", *(f"link{k + 1}" for k in range(n))),
-        parents=np.arange(n),
-        joint_xyz=column("xyz"),
-        joint_rotation=quat_to_matrix(column("quat")),
-        axis=column("axis"),
-        prismatic=np.zeros(n, dtype=bool),
-        lower=column("lower"),
-        upper=column("upper"),
-        velocity=unlimited,
-        acceleration=unlimited,
-        effort=unlimited,
-        tools={"tool": Tool("tool", n, T_link_tool)},
-        default_tool="tool",
     )

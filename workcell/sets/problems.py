@@ -18,7 +18,8 @@ from workcell.errors import InputError
 from workcell.files import parse_json, regular_text
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.problem import IKProblem
-from workcell.model.robot import LIMIT_SLACK, Robot, serial_robot
+from workcell.model.robot import LIMIT_SLACK, Robot
+from workcell.model.serial import serial_robot
 from workcell.pose import UNIT_TOLERANCE, Array, Pose, read_only
 
 FORMAT = "workcell-ikset/1"

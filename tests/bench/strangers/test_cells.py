@@ -82,6 +82,7 @@ def test_a_proof_against_a_planted_configuration_is_a_failure(monkeypatch):
     q = oracle.random_configuration(rng)
     trial = _Trial.__new__(_Trial)
     trial.oracle, trial.outcome, trial.cell, trial.budget = oracle, Outcome(), cell, None
+    trial.baseline = False
 
     class World:
         def problem(self, target):

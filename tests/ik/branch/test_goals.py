@@ -16,7 +16,7 @@ from workcell.ik.judge.verify import verify
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import Status
 from workcell.ik.solve import solve
-from workcell.model.robot import serial_robot
+from workcell.model.serial import serial_robot
 from workcell.pose import Pose
 
 

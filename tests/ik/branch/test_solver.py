@@ -14,7 +14,8 @@ from workcell.ik.branch.checker.check import check_branch
 from workcell.ik.branch.solver import solve_branch
 from workcell.ik.judge.verify import verify
 from workcell.ik.problem import Budget, IKProblem, Tolerances
-from workcell.model.robot import Robot, serial_robot
+from workcell.model.robot import Robot
+from workcell.model.serial import serial_robot
 from workcell.pose import Pose
 
 BUDGET = Budget(cpu_s=120.0)  # the first query of a process may have to compile

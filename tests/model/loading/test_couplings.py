@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from tests.coupled_arms import coupled_arm, planar
+from tests.coupled_arms import coupled_arm, planar, residuals
 from workcell.errors import InputError, ModelError
 from workcell.model.collision_model import CollisionModel
 from workcell.model.joined import joined_robot
@@ -21,14 +21,6 @@ def load(folder, text, suffix="xml"):
     path = folder / f"arm.{suffix}"
     path.write_text(text)
     return load_robot(path)
-
-
-def residuals(model, qpos):
-    """(neq,) what MuJoCo itself says that is missing of each equality."""
-    data = mujoco.MjData(model)
-    data.qpos[:] = qpos
-    mujoco.mj_forward(model, data)
-    return data.efc_pos[data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY]
 
 
 @pytest.mark.parametrize(("seed", "bent"), CASES)

@@ -14,7 +14,7 @@ from workcell.ik.diverse.solutions import solutions
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.solve import solve
 from workcell.model.loading.load import load_robot
-from workcell.model.robot import serial_robot
+from workcell.model.serial import serial_robot
 from workcell.motion.plans.in_scene import plan_in_world
 from workcell.motion.plans.to_pose import plan_to_pose
 from workcell.pose import Pose

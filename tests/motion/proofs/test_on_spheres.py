@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from workcell.errors import InputError
 from workcell.geometry.types import Piece, SphereCover
-from workcell.model.robot import serial_robot
+from workcell.model.serial import serial_robot
 from workcell.motion.body import Upright, column_bounds
 from workcell.motion.path import Path, Trajectory
 from workcell.motion.polynomials import PolynomialMotion

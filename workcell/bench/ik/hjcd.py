@@ -16,7 +16,8 @@ import numpy as np
 from workcell.bench.rows import Bench, Row
 from workcell.ik.hjcd.gpu.solver import warp_devices
 from workcell.ik.hjcd.solver import solve_batch, solve_two_phase
-from workcell.model.robot import Robot, serial_robot
+from workcell.model.robot import Robot
+from workcell.model.serial import serial_robot
 from workcell.pose import Array, Pose, matrix_to_quat
 from workcell.sets.reports import cpu_columns
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from workcell.errors import UnknownNameError
 from workcell.geometry.types import Piece, SphereCover
 from workcell.ik.problem import IKProblem, Tolerances
-from workcell.model.robot import Robot, serial_robot
+from workcell.model.robot import Robot
+from workcell.model.serial import serial_robot
 from workcell.pose import Array, Pose, axis_angle_to_matrix, matrix_to_quat
 
 POINT_RADIUS = 0.01

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from workcell.ik.problem import IKProblem
-from workcell.model.robot import Robot, serial_robot
+from workcell.model.robot import Robot
+from workcell.model.serial import serial_robot
 from workcell.pose import Array, Pose, axis_angle_to_matrix, matrix_to_quat
 
 WRITTEN = {

@@ -15,7 +15,8 @@ from workcell.ik.branch.arrays import inflation
 from workcell.ik.branch.chain import FREE_JOINTS
 from workcell.ik.judge.exact import ExactDistances, ExactKinematics, smallest_clearance
 from workcell.ik.problem import Goal, IKProblem, Tolerances
-from workcell.model.robot import Robot, serial_robot
+from workcell.model.robot import Robot
+from workcell.model.serial import serial_robot
 from workcell.pose import Array, Pose, axis_angle_to_matrix
 
 _LEAST_GAP = 2e-5

@@ -42,6 +42,7 @@ def _row(kind: str, numbers: range, jobs: int) -> Row:
         "row": f"strangers/{kind}",
         "n": len(outcomes),
         "success": sum(outcome.solved for outcome in outcomes) / max(asked, 1),
+        "multistart": sum(outcome.baseline for outcome in outcomes) / max(asked, 1),
         "queries": asked,
         "paths": sum(outcome.planned for outcome in outcomes),
         **{name: sum(kind == name for _, kind, _ in failures) for name in FAILURES},
@@ -57,7 +58,7 @@ FAILURES = ("lost", "impossible", "contradicted", "crash")
 
 def outcome_of(kind: str, number: int) -> Outcome:
     """What came of one cell or task by its number."""
-    return try_cell(_KINDS[kind](number), QUERIES, PATHS)
+    return try_cell(_KINDS[kind](number), QUERIES, PATHS, baseline=True)
 
 
 BENCHES = (

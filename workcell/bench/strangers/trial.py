@@ -41,6 +41,7 @@ class Outcome:
 
     Attributes:
         queries, solved, paths, planned: how many of each.
+        baseline: how many of the queries the plain multi-start search solves, where it was asked.
         failures: kind and words: `lost`, `impossible`, `contradicted`, `crash`.
         refused: why workcell would not take the cell, in its own words; empty where it did.
     """
@@ -49,12 +50,20 @@ class Outcome:
     solved: int = 0
     paths: int = 0
     planned: int = 0
+    baseline: int = 0
     failures: list[tuple[str, str]] = field(default_factory=list)
     refused: str = ""
 
 
-def try_cell(cell: Cell, queries: int, paths: int, budget_s: float = 1.0) -> Outcome:
-    """Ask for planted configurations, paths and motions in a cell, and hold plain MuJoCo against the answers."""
+def try_cell(cell: Cell, queries: int, paths: int, budget_s: float = 1.0, baseline: bool = False) -> Outcome:
+    """Ask for planted configurations, paths and motions in a cell, and hold plain MuJoCo against the answers.
+
+    Args:
+        cell: the cell.
+        queries, paths: of each arm, at most.
+        budget_s: CPU seconds of a query.
+        baseline: whether the plain multi-start search is asked too, in the same time.
+    """
     outcome = Outcome()
     try:
         with tempfile.TemporaryDirectory() as folder:
@@ -64,7 +73,7 @@ def try_cell(cell: Cell, queries: int, paths: int, budget_s: float = 1.0) -> Out
         for name, value in cell.moved.items():
             scene = actuated(scene, name, 0.5 + value / (2 * TRAVEL))
         for prefix in cell.arms:
-            _Trial(cell, scene, prefix, outcome, budget_s).run(queries, paths)
+            _Trial(cell, scene, prefix, outcome, budget_s, baseline).run(queries, paths)
     except WorkcellError as error:
         outcome.refused = str(error)
     except Exception as error:  # whatever it is, a user would have seen a traceback
@@ -76,8 +85,11 @@ def try_cell(cell: Cell, queries: int, paths: int, budget_s: float = 1.0) -> Out
 class _Trial:
     """The questions to one arm of a cell."""
 
-    def __init__(self, cell: Cell, scene: Scene, prefix: str, outcome: Outcome, budget_s: float) -> None:
+    def __init__(
+        self, cell: Cell, scene: Scene, prefix: str, outcome: Outcome, budget_s: float, baseline: bool
+    ) -> None:
         self.cell, self.scene, self.outcome, self.budget = cell, scene, outcome, Budget(budget_s)
+        self.baseline = baseline
         self.arm, self.oracle = cell.arms[prefix], Oracle(cell, prefix)
         self.robot = scene.robot(prefix.removesuffix("/") or None)
         self.rng = np.random.default_rng([cell.seed, 7])
@@ -132,6 +144,9 @@ class _Trial:
         if result.q is not None:
             self.outcome.solved += 1
             self._contradict("answer", self._theirs(result.q), target)
+        if self.baseline:
+            plain = solve(world.problem(target), "multistart", self.budget, self.cell.seed)
+            self.outcome.baseline += plain.solved
 
     def _contradict(self, what: str, q: Array, target: Pose | None = None) -> None:
         """Hold limits, contacts and the tool's pose against a configuration, in the file's order."""

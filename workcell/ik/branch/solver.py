@@ -44,7 +44,7 @@ def prepare_kernels() -> None:
     """Compile solver and checker, or load them from the cache, by deciding and re-checking one small problem."""
     wait_for(DECIDING)
     from workcell.ik.branch.checker.check import check_branch
-    from workcell.model.robot import serial_robot
+    from workcell.model.serial import serial_robot
 
     joint = {"quat": [1.0, 0.0, 0.0, 0.0], "axis": [0.0, 0.0, 1.0], "lower": -1.0, "upper": 1.0}
     joints = [{**joint, "name": "a", "xyz": [0.0, 0.0, 0.1]}, {**joint, "name": "b", "xyz": [0.3, 0.0, 0.0]}]

@@ -6,10 +6,17 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from workcell.ik.certificate import Certificate, Scope, problem_hash, proof_scope
+from workcell.ik.certificate import Certificate, Scope, proof_scope
 from workcell.ik.cidgik.gram import Multipliers, margin
 from workcell.ik.claims.chain import unsuited
-from workcell.ik.claims.form import Shape, overclaims, whole_numbers, wrong_form, wrong_tolerances
+from workcell.ik.claims.form import (
+    Shape,
+    overclaims,
+    whole_numbers,
+    wrong_form,
+    wrong_subject,
+    wrong_tolerances,
+)
 from workcell.ik.problem import IKProblem
 from workcell.pose import Array
 
@@ -20,13 +27,10 @@ MOST_ROWS = 4096
 
 def check_cidgik(problem: IKProblem, certificate: Certificate) -> str | None:
     """Why a certificate of kind `cidgik/2` proves nothing about `problem`, or None when it holds."""
-    if certificate.kind != KIND:
-        return f"it is of kind {certificate.kind!r}, not {KIND!r}"
-    if certificate.problem_hash != problem_hash(problem):
-        return "it belongs to another problem"
     data = certificate.data
     refusal = (
-        unsuited(problem)
+        wrong_subject(problem, certificate, KIND)
+        or unsuited(problem)
         or wrong_form(certificate, _shapes(problem, data))
         or wrong_tolerances(problem, data["tolerances"])
         or _wrong_numbers(problem, data)

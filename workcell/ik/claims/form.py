@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from workcell.ik.certificate import Certificate
+from workcell.ik.certificate import Certificate, problem_hash
 from workcell.ik.problem import IKProblem
 from workcell.pose import Array
 
@@ -23,6 +23,15 @@ AGREEMENT = 1e-6
 
 Shape = tuple[int | None, ...]
 """Sizes of an array; None where any will do."""
+
+
+def wrong_subject(problem: IKProblem, certificate: Certificate, kind: str) -> str | None:
+    """Why a certificate is not one of a kind about a problem, or None."""
+    if certificate.kind != kind:
+        return f"it is of kind {certificate.kind!r}, not {kind!r}"
+    if certificate.problem_hash != problem_hash(problem):
+        return "it belongs to another problem"
+    return None
 
 
 def wrong_form(certificate: Certificate, shapes: Mapping[str, Shape]) -> str | None:

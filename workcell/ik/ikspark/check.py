@@ -4,9 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from workcell.ik.certificate import Certificate, Scope, problem_hash, proof_scope
+from workcell.ik.certificate import Certificate, Scope, proof_scope
 from workcell.ik.claims.chain import Chain, unsuited
-from workcell.ik.claims.form import Shape, overclaims, whole_numbers, wrong_form, wrong_tolerances
+from workcell.ik.claims.form import (
+    Shape,
+    overclaims,
+    whole_numbers,
+    wrong_form,
+    wrong_subject,
+    wrong_tolerances,
+)
 from workcell.ik.ikspark.bound import ROUNDING, Multipliers, Sum, upper_bound
 from workcell.ik.ikspark.cuboid_proof import held_back, moving_spheres
 from workcell.ik.problem import STEP_SLACK, IKProblem
@@ -17,11 +24,11 @@ KIND = "farkas/2"
 
 def check_farkas(problem: IKProblem, certificate: Certificate) -> str | None:
     """Why a certificate of kind `farkas/2` proves nothing about `problem`, or None when it holds."""
-    if certificate.kind != KIND:
-        return f"it is of kind {certificate.kind!r}, not {KIND!r}"
-    if certificate.problem_hash != problem_hash(problem):
-        return "it belongs to another problem"
-    refusal = unsuited(problem) or wrong_form(certificate, _shapes(problem, certificate))
+    refusal = (
+        wrong_subject(problem, certificate, KIND)
+        or unsuited(problem)
+        or wrong_form(certificate, _shapes(problem, certificate))
+    )
     if refusal is not None:
         return refusal
     covered = certificate.data["tolerances"]

@@ -15,8 +15,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from workcell.ik.certificate import Certificate, Scope, problem_hash
-from workcell.ik.claims.form import Shape, overclaims, whole_numbers, wrong_form
+from workcell.ik.certificate import Certificate, Scope
+from workcell.ik.claims.form import Shape, overclaims, whole_numbers, wrong_form, wrong_subject
 from workcell.ik.problem import IKProblem
 from workcell.ik.solution.box import Stance, within_limits
 from workcell.pose import Array
@@ -29,12 +29,12 @@ MOST_HALF = 1.0
 
 def check_solution(problem: IKProblem, certificate: Certificate) -> str | None:
     """Why a certificate of kind `solution` does not hold, or None when it does."""
-    if certificate.kind != KIND:
-        return f"it is of kind {certificate.kind!r}, not {KIND!r}"
-    if certificate.problem_hash != problem_hash(problem):
-        return "the certificate belongs to another problem"
     data = certificate.data
-    refusal = _malformed(certificate, problem.robot.dof) or _wrong_tolerances(problem, data["tolerances"])
+    refusal = (
+        wrong_subject(problem, certificate, KIND)
+        or _malformed(certificate, problem.robot.dof)
+        or _wrong_tolerances(problem, data["tolerances"])
+    )
     if refusal is not None:
         return refusal
     covered = float(data["tolerances"][0])

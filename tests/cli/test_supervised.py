@@ -35,13 +35,20 @@ STARTER = (
 )
 
 
-def begun(work: str) -> subprocess.Popen[str]:
+def _hear(ignored: tuple[signal.Signals, ...]) -> None:
+    """Signals as in a terminal's foreground, whatever the tests were started by, but for some."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN if number in ignored else signal.SIG_DFL)
+
+
+def begun(work: str, ignored: tuple[signal.Signals, ...] = ()) -> subprocess.Popen[str]:
     process = subprocess.Popen(
         [sys.executable, "-c", STUCK.format(work=work)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=lambda: _hear(ignored),
     )
     assert process.stdout is not None
     assert process.stdout.readline() == "begun\n"
@@ -74,6 +81,14 @@ def test_an_interrupted_command_ends_with_130_and_all_that_it_started(work, pati
         time.monotonic() - before < supervised.PATIENCE_S + 5.0
     )  # a second where the machine has nothing else to do
     assert not any(alive(pid) for pid in started)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+def test_what_it_was_started_to_ignore_is_ignored(number):
+    process = begun("import time; time.sleep(5.5)", ignored=(number,))
+    process.send_signal(number)
+    told = process.communicate(timeout=30)[1]
+    assert process.returncode == 0 and told == ""
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])

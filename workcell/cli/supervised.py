@@ -31,13 +31,15 @@ _DEATH_SIGNAL = 1
 def supervised() -> None:
     """Returns in a child process, which does the work; this one waits and ends as the child does.
 
-    Where a process can't be doubled, nothing happens.
+    Where a process can't be doubled, nothing happens. Signals that the command was started to ignore, as by `nohup` or in
+    a shell's background, are ignored.
     """
     import threading
 
     if not hasattr(os, "fork") or not hasattr(signal, "sigtimedwait") or threading.active_count() > 1:
         return
-    watched = {*_FORWARDED, signal.SIGCHLD}
+    obeyed = {number for number in _FORWARDED if signal.getsignal(number) is not signal.SIG_IGN}
+    watched = {*obeyed, signal.SIGCHLD}
     before = signal.pthread_sigmask(signal.SIG_BLOCK, watched)
     supervisor = os.getpid()
     child = os.fork()

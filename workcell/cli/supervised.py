@@ -31,8 +31,8 @@ _DEATH_SIGNAL = 1
 def supervised() -> None:
     """Returns in a child process, which does the work; this one waits and ends as the child does.
 
-    Where a process can't be doubled, nothing happens. Signals that the command was started to ignore, as by `nohup` or in
-    a shell's background, are ignored.
+    Where a process can't be doubled, nothing happens. Signals that the command was started to ignore, as by `nohup` or
+    in a shell's background, are ignored.
     """
     import threading
 

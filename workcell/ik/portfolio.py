@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from workcell import clock
 from workcell.errors import WorkcellError
@@ -145,7 +144,9 @@ class Portfolio:
             words = "accepted" if verdict.accepted else "; ".join(verdict.reasons)
             self.log.add("verify", note=words, solver=name)
             if verdict.accepted:
-                return self._result(Status.SOLVED, name, q=q, verdict=verdict, cuboids=candidate.cuboids)
+                return self._result(
+                    Status.SOLVED, candidate.by or name, q=q, verdict=verdict, found=candidate
+                )
             self.rejected.append(f"{name}'s configuration was refused: {'; '.join(verdict.reasons)}")
         if candidate.certificate is not None:
             return self._proof(name, candidate.certificate)
@@ -199,7 +200,7 @@ class Portfolio:
         q: Array | None = None,
         verdict: Verification | None = None,
         certificate: Certificate | None = None,
-        cuboids: NDArray[np.int64] | None = None,
+        found: Candidate | None = None,
     ) -> IKResult:
         stats = {**self.stats, "cpu_s": self._spent(), "time_s": time.perf_counter() - self.started}
         measured: dict[str, Any] = {}
@@ -219,6 +220,7 @@ class Portfolio:
             stats=stats,
             rejected=tuple(self.rejected),
             stages=self.log.stages,
-            cuboids=cuboids,
+            cuboids=None if found is None else found.cuboids,
+            free_space=None if found is None else found.free_space,
             **measured,
         )

@@ -172,6 +172,8 @@ class IKProblem:
         obstacles: convex pieces in the world frame.
         cover: spheres that stand for the robot in the solvers' model; None: no collision avoidance.
         free_space: cuboids free of obstacles, for the solvers that need them; None: they make their own.
+        grow: adds cuboids around points (k, 3), in the world frame, to the free space and returns it whole, for queries
+            that share one; None: solvers keep to themselves what they add.
         checker: the truth about collisions that `verify` asks; None: the exact kernel on `cover` and `obstacles`.
         tool_pose: where the compiled model has the tool at a configuration, for `verify`, which then asks both it and
             its own kinematics; None: its own alone.
@@ -197,6 +199,7 @@ class IKProblem:
     obstacles: tuple[Piece, ...] = ()
     cover: SphereCover | None = None
     free_space: FreeSpace | None = None
+    grow: Callable[[Array], FreeSpace] | None = None
     checker: CollisionChecker | Callable[[Array], Clearance] | None = None
     tool_pose: Callable[[Array], Pose] | None = None
     q_reference: Array | None = None

@@ -82,6 +82,7 @@ class SolverEntry:
             `run(deadline, budget)`; empty: every turn begins anew.
         is_futile: whether a turn can't find out more.
         plans: whether tasks can be planned with it (`--planner`): it alone answers every step of a tool path.
+        within: the solver that it is a part of: it answers in its name, and says so; empty: it is one of its own.
         listed: whether users can name it.
     """
 
@@ -96,6 +97,7 @@ class SolverEntry:
     resumes: str = ""
     is_futile: Callable[[Turn, Progress], bool] = _never
     plans: bool = False
+    within: str = ""
     listed: bool = True
 
     def solver(self) -> Solver:
@@ -285,6 +287,11 @@ def planner_names() -> tuple[str, ...]:
 def plans_alone(name: str) -> bool:
     """Whether every step of a tool path is that solver's own; with others it is tracked locally."""
     return name in SOLVERS and SOLVERS[name].plans
+
+
+def is_planned_by(planner: str, solver: str) -> bool:
+    """Whether an answer by `solver` is one of `planner`: its own, or that of a part of it; all answers are `auto`'s."""
+    return planner in (AUTO, solver) or (solver in SOLVERS and SOLVERS[solver].within == planner)
 
 
 def takers(*, goal: Goal = "pose", slides: bool = False, couples: bool = False, word: str = "and") -> str:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.errors import NotSolvedError
+from workcell.geometry.types import FreeSpace
 from workcell.ik.certificate import Certificate
 from workcell.ik.problem import Checks, Clearance
 from workcell.ik.stages import SolverStage
@@ -74,8 +75,10 @@ class Candidate:
         rejected: why near misses failed, in words.
         error: a numerical failure, in words, or None.
         stages: what was done, in order, with the time of each step; empty where the solver has but one.
-        cuboids: (m,) by sphere of the cover, the free-space cuboid that the solver had it in at `q` (-1: in none);
-            None: no cuboids were used.
+        cuboids: (m,) by sphere of the cover, the cuboid of `free_space`, then its polytopes, that the solver had it in
+            at `q` (-1: in none); None: the answer was not found among cuboids.
+        free_space: what `cuboids` are of: the problem's own, or with what the solver has made besides.
+        by: the name of the part of the solver that found it, where that has one of its own; empty: the solver's.
     """
 
     q: Array | None = None
@@ -85,6 +88,8 @@ class Candidate:
     error: str | None = None
     stages: tuple[SolverStage, ...] = ()
     cuboids: NDArray[np.int64] | None = None
+    free_space: FreeSpace | None = None
+    by: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,11 +104,11 @@ class IKResult:
         clearance: smallest signed distance at `q` and the pair that has it; inf where nothing was checked.
         checks: what the judge looked at for it; None without a verified configuration.
         certificate: the re-checked proof behind a "no", or None.
-        solver: the name of the solver that found the answer.
+        solver: the name of the solver, or of the part of it, that found the answer.
         stats: numbers about the work done, `cpu_s` and `time_s` among them.
         rejected: why near misses failed, in words.
         stages: what was done, in order, with the time of each step; verification is among them.
-        cuboids: as of `Candidate`.
+        cuboids, free_space: as of `Candidate`.
     """
 
     status: Status
@@ -117,6 +122,7 @@ class IKResult:
     rejected: tuple[str, ...] = ()
     stages: tuple[SolverStage, ...] = ()
     cuboids: NDArray[np.int64] | None = None
+    free_space: FreeSpace | None = None
     checks: Checks | None = None
 
     def __post_init__(self) -> None:

@@ -139,8 +139,9 @@ def test_cuboids_of_the_solver_itself_are_told_by_the_recording_s_numbers(
     cover = SphereCover(np.array([0, 1, 1, 2]), np.zeros((4, 3)), np.full(4, 0.1))
     asked = IKProblem(robot, problem.target, cover=cover, free_space=space)
     stage = SolverStage("judge", 0.001, solver="ikspark")
+    homes = np.array([-1, 1, 0, 1])
     answer = IKResult(
-        Status.SOLVED, "ikspark", stages=(stage,), cuboids=np.array([-1, 1, 0, 1]), stats={"cpu_s": 0.002}
+        Status.SOLVED, "ikspark", stages=(stage,), cuboids=homes, free_space=space, stats={"cpu_s": 0.002}
     )
     with Recording(tmp_path / "run.rrd", task="asking") as recording, recording.queries("the part"):
         recording.log_free_space(other)

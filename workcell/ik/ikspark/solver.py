@@ -102,6 +102,7 @@ class Search:
             self.error,
             self.stages.stages,
             None if q is None else self._assignment(),
+            self.problem.free_space,
         )
 
     def _assignment(self) -> NDArray[np.int64] | None:

@@ -144,8 +144,8 @@ class Recording(SceneLog):
 
         def answered(problem: IKProblem, result: IKResult) -> None:
             cuboids = None
-            if result.cuboids is not None and problem.free_space is not None:
-                numbers = np.append(self._cuboids.add_free_space(problem.free_space), -1)
+            if result.cuboids is not None and result.free_space is not None:
+                numbers = np.append(self._cuboids.add_free_space(result.free_space), -1)
                 cuboids = numbers[result.cuboids]
             when = (self._last_time, self._step(self._last_time))
             self._solvers.add(what, problem, result, when, cuboids)

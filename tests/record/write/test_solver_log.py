@@ -105,7 +105,7 @@ def test_the_solvers_have_a_timeline_of_their_own(told: tuple[Path, list[IKResul
 def test_the_review_tells_them_in_words_json_page_and_plot(told: tuple[Path, list[IKResult]]) -> None:
     found = review(told[0])
     text, html = text_of(found), page(found)
-    assert "Solver stages  3 queries (1 by ikspark, 1 by cidgik, 1 by hjcd), 3 solved" in text
+    assert "Who planned  3 queries (1 by ikspark, 1 by cidgik, 1 by hjcd), 3 solved" in text
     rows = json.loads(json.dumps(found.to_json()))["solver_stages"]
     assert {row["what"] for row in rows} == {"the part", "the tray"}
     for row in rows:

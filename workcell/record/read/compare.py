@@ -71,6 +71,7 @@ class Comparison:
         metrics: of both, in the order of names.
         motions: robots in both.
         cuboids: links that are in other cuboids: robot/link, first, second.
+        ways: where others answered their queries: what was asked, by whom in the first, in the second.
         stages: of the solvers, where their numbers differ: what was asked, solver, stage, times in the first, in the
             second.
         events: lines of the log, `-` only in the first, `+` only in the second, without their times.
@@ -82,6 +83,7 @@ class Comparison:
     metrics: tuple[MetricDifference, ...]
     motions: tuple[MotionDifference, ...]
     cuboids: tuple[tuple[str, str, str], ...]
+    ways: tuple[tuple[str, str, str], ...]
     stages: tuple[tuple[str, str, str, int, int], ...]
     events: tuple[str, ...]
 
@@ -102,6 +104,7 @@ class Comparison:
             "metrics": [asdict(row) | {"change": row.change} for row in self.metrics],
             "motions": [asdict(row) for row in self.motions],
             "cuboids": [{"link": link, "first": a, "second": b} for link, a, b in self.cuboids],
+            "ways": [{"what": what, "first": a, "second": b} for what, a, b in self.ways],
             "stages": [
                 {"what": what, "solver": solver, "stage": stage, "first": a, "second": b}
                 for what, solver, stage, a, b in self.stages
@@ -125,6 +128,8 @@ class Comparison:
             parts.append(Text(words))
         if self.cuboids:
             parts.append(_grid(("link in cuboids", "first", "second"), self.cuboids))
+        if self.ways:
+            parts.append(_grid(("way planned by", "first", "second"), self.ways))
         if self.stages:
             rows = [(what, solver, stage, str(a), str(b)) for what, solver, stage, a, b in self.stages]
             parts.append(_grid(("solver stages", "solver", "stage", "first", "second"), rows))
@@ -143,6 +148,7 @@ def compare(first: Review, second: Review) -> Comparison:
         tuple(_metrics(first, second)),
         tuple(_motions(first, second)),
         tuple(_cuboids(first, second)),
+        tuple(_ways(first, second)),
         tuple(_stages(first, second)),
         tuple(_events(first, second)),
     )
@@ -199,6 +205,14 @@ def _cuboids(first: Review, second: Review) -> list[tuple[str, str, str]]:
     """Links that both recordings tell of, in other cuboids or for other shares of the time."""
     a, b = ({f"{row.robot}/{row.link}": row.words for row in review.cuboids} for review in (first, second))
     return [(link, a[link], b[link]) for link in a if link in b and a[link] != b[link]]
+
+
+def _ways(first: Review, second: Review) -> list[tuple[str, str, str]]:
+    """By whom each way's queries were answered, where that differs and both recordings tell."""
+    if not first.queries or not second.queries:
+        return []
+    a, b = ({row.what: row.answered for row in review.ways} for review in (first, second))
+    return [(what, a.get(what, "-"), b.get(what, "-")) for what in {**a, **b} if a.get(what) != b.get(what)]
 
 
 def _stages(first: Review, second: Review) -> list[tuple[str, str, str, int, int]]:

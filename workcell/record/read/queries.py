@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from workcell.record.read.reader import Contents
-from workcell.record.write.solver_log import QUERIES
+from workcell.record.write.query_facts import Kind
+from workcell.record.write.solver_log import LOG, QUERIES
 
 _NAN = float("nan")
 
@@ -28,10 +29,21 @@ class RecordedStage:
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """One query: its number, what was asked, who answered how, in how many CPU milliseconds, and by which stages.
+    """One query, as far as its document tells.
 
-    `first_step` is the number of its first stage on the timeline `solver_step`; `cuboids` are, by link, those that the
-    solver itself had the link's spheres in (empty: it used none).
+    Attributes:
+        number: in the order of answers.
+        what: what was asked, the same for all queries of a way.
+        solver, status: who answered, and how.
+        cpu_ms: CPU milliseconds.
+        first_step: number of its first stage on the timeline `solver_step`.
+        stages: by which it was answered.
+        cuboids: by link, those that the solver had the link's spheres in; empty: it used none.
+        kind: `step` where continuity was asked for, else `goal`; None: not told, as nothing below in older layouts.
+        in_cuboids: whether the answer was found among cuboids.
+        sdps: cone programs that were solved for it.
+        step, max_step: change of the joint that came nearest to its bound, and that bound; radians or metres.
+        link_rotation, max_link_rotation: largest change of a link's world rotation (Eq. 75 of IKSPARK), and its bound.
     """
 
     number: int
@@ -42,6 +54,18 @@ class Query:
     first_step: int
     stages: tuple[RecordedStage, ...]
     cuboids: dict[str, list[int]]
+    kind: str | None = None
+    in_cuboids: bool | None = None
+    sdps: int | None = None
+    step: float | None = None
+    max_step: float | None = None
+    link_rotation: float | None = None
+    max_link_rotation: float | None = None
+
+    @property
+    def solved(self) -> bool:
+        """Whether there was a verified configuration."""
+        return self.status == "SOLVED"
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +114,18 @@ def recorded_queries(contents: Contents) -> tuple[Query, ...]:
     return tuple(sorted(found, key=lambda query: query.number))
 
 
+def lost_queries(contents: Contents, queries: Sequence[Query]) -> int:
+    """How many queries the file speaks of, in documents or in the solvers' log, but can't be read."""
+    documents, log = contents.entities.get(QUERIES), contents.entities.get(LOG)
+    heads = [] if log is None else [text[0] for text in log.over_time("TextLog:text")[1] if text]
+    told = (
+        0 if documents is None else documents.rows(),
+        sum(str(head).startswith("query ") for head in heads),
+        max((query.number + 1 for query in queries), default=0),
+    )
+    return max(told) - len({query.number for query in queries})
+
+
 def _query(document: dict[str, Any]) -> Query:
     stages = tuple(
         RecordedStage(
@@ -111,7 +147,22 @@ def _query(document: dict[str, Any]) -> Query:
         int(document["first_step"]),
         stages,
         cuboids,
+        kind=kind if (kind := document.get("kind")) in get_args(Kind) else None,
+        in_cuboids=inside if isinstance(inside := document.get("in_cuboids"), bool) else None,
+        sdps=None if (sdps := _number(document, "sdps")) is None else int(sdps),
+        step=_number(document, "step"),
+        max_step=_number(document, "max_step"),
+        link_rotation=_number(document, "link_rotation"),
+        max_link_rotation=_number(document, "max_link_rotation"),
     )
+
+
+def _number(document: dict[str, Any], name: str) -> float | None:
+    """A finite number of a document; None where it is none."""
+    value = document.get(name)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        return None
+    return float(value)
 
 
 def stage_rows(queries: Sequence[Query]) -> tuple[StageRow, ...]:
@@ -134,7 +185,7 @@ def summary(queries: Sequence[Query]) -> str:
     by: dict[str, int] = {}
     for query in queries:
         by[query.solver] = by.get(query.solver, 0) + 1
-    solved = sum(query.status == "SOLVED" for query in queries)
+    solved = sum(query.solved for query in queries)
     who = ", ".join(f"{count} by {name}" for name, count in by.items())
     return f"{len(queries)} queries ({who}), {solved} solved"
 

@@ -12,9 +12,10 @@ from typing import Any
 from workcell.errors import RecordingError
 from workcell.record.read.cuboids import CuboidRow, cuboid_rows
 from workcell.record.read.metrics import MetricRow, ObjectRow, Series, metric_rows, metric_series, object_rows
-from workcell.record.read.queries import Query, recorded_queries, stage_rows
+from workcell.record.read.queries import Query, lost_queries, recorded_queries, stage_rows
 from workcell.record.read.reader import Contents, read
 from workcell.record.read.stage import Stage
+from workcell.record.read.ways import WayRow, planned_by, way_rows
 from workcell.record.write.rrd import APPLICATION
 from workcell.record.write.scene_log import FORMAT
 
@@ -22,6 +23,8 @@ ACHIEVED, NOT_ACHIEVED, INCOMPLETE = "achieved", "not achieved", "incomplete"
 
 _UNSEALED = 1
 """The layout that had no seals."""
+_LAYOUTS = range(_UNSEALED, FORMAT + 1)
+"""Layouts that are understood: what an older one does not tell is not known."""
 _STOPPED = ("INTERRUPTED", "ERROR")
 _GRASP = re.compile(r"\b(grasp|held)", re.IGNORECASE)
 _MOVED_M = 0.01
@@ -90,6 +93,11 @@ class Review:
         return self.verdict == ACHIEVED
 
     @property
+    def ways(self) -> tuple[WayRow, ...]:
+        """Who answered the queries of each way."""
+        return way_rows(self.queries)
+
+    @property
     def free_cuboids(self) -> int:
         """How many free-space cuboids and polytopes were recorded."""
         return sum(thing.kind == "free_space" for thing in self.stage.things)
@@ -114,6 +122,7 @@ class Review:
             "objects": [asdict(row) for row in self.objects],
             "events": [asdict(line) for line in self.events],
             "cuboids_in_use": [row.to_json() for row in self.cuboids],
+            "ways": [row.to_json() for row in self.ways],
             "solver_stages": [_finite(asdict(row)) for row in stage_rows(self.queries)],
             "queries": len(self.queries),
             "result": dict(self.result),
@@ -142,7 +151,7 @@ def review(path: str | Path) -> Review:
     if not contents.sealed and layout != _UNSEALED:
         missing.insert(0, "no seal in this file is as it was written")
     damaged = bool(contents.missing) or (not contents.sealed and layout != _UNSEALED)
-    if layout not in (None, FORMAT, _UNSEALED):
+    if layout is not None and layout not in _LAYOUTS:
         missing.append(
             f"the layout of this file is version {manifest['format']}, this reads version {FORMAT}"
         )
@@ -152,7 +161,9 @@ def review(path: str | Path) -> Review:
         missing.append("no poses")
     if not metrics:
         missing.append("no metrics")
+    queries = recorded_queries(contents)
     checks = _checks(result, metrics, objects, events)
+    checks += _planner(manifest, result, queries, lost_queries(contents, queries))
     verdict, reason = _verdict(result, checks, damaged=damaged)
     if not contents.sealed and not damaged:
         reason += (
@@ -172,7 +183,7 @@ def review(path: str | Path) -> Review:
         objects=objects,
         events=events,
         cuboids=cuboid_rows(stage.uses, duration),
-        queries=recorded_queries(contents),
+        queries=queries,
         duration=duration,
         inventory=inventory,
         missing=tuple(missing),
@@ -261,6 +272,19 @@ def _checks(
     text = f"{errors[0].text} ({errors[0].time:.2f} s)" if errors else "none in the log"
     checks.append(Check("errors", not errors, text))
     return tuple(checks)
+
+
+def _planner(
+    manifest: Mapping[str, Any], result: Mapping[str, Any], queries: tuple[Query, ...], lost: int
+) -> tuple[Check, ...]:
+    """Whether the ways are the planner's that the manifest names; nothing where it names none."""
+    planner, said = manifest.get("planner"), result.get("planner")
+    if planner is None:
+        return ()
+    if said not in (None, planner):
+        return (Check("planner", False, f"the manifest names {planner}, the run says {said}"),)
+    found = planned_by(queries, lost, str(planner))
+    return () if found is None else (Check("planner", *found),)
 
 
 def _verdict(result: Mapping[str, Any], checks: tuple[Check, ...], *, damaged: bool) -> tuple[str, str]:

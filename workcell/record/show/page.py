@@ -15,7 +15,7 @@ from workcell.files import check_writable
 from workcell.record.read.metrics import label_of, unit_of
 from workcell.record.show.cameras import choose_cameras
 from workcell.record.show.moments import key_moments
-from workcell.record.show.page_tables import cuboid_section, solver_section, table
+from workcell.record.show.page_tables import cuboid_section, solver_section, table, way_section
 from workcell.record.show.pictures import contact_sheet
 from workcell.record.show.planner_view import has_planner_view, planner_view
 from workcell.record.show.plots import plot_metrics
@@ -90,6 +90,7 @@ def page(review: Review) -> str:
         _metrics(review),
         *_objects(review),
         *cuboid_section(review),
+        *way_section(review),
         *solver_section(review),
         "<h2>Key moments</h2>",
         _image(contact_sheet(review), "key moments, each from two sides"),

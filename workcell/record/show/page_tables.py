@@ -7,6 +7,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from workcell.record.read.queries import Query, own_cuboids, stage_rows, summary
+from workcell.record.read.ways import WAY_HEAD
 
 if TYPE_CHECKING:
     from workcell.record.read.review import Review
@@ -41,6 +42,13 @@ def cuboid_section(review: Review) -> list[str]:
     return [title, table(head, rows)] if rows else []
 
 
+def way_section(review: Review) -> list[str]:
+    """Who answered the queries of each way; nothing where the recording does not tell."""
+    rows = [tuple(map(escape, row.cells)) for row in review.ways]
+    head = f"<h2>Who planned</h2><p>{escape(summary(review.queries))}</p>"
+    return [head, table(WAY_HEAD, rows)] if rows else []
+
+
 def solver_section(review: Review) -> list[str]:
     """What the solvers did, added up, and below it every query; nothing where the recording does not tell."""
     if not review.queries:
@@ -63,7 +71,7 @@ def solver_section(review: Review) -> list[str]:
     left = len(review.queries) - len(each)
     more = f"<p>{left} more are in the recording.</p>" if left else ""
     return [
-        f"<h2>Solver stages</h2><p>{escape(summary(review.queries))}</p>",
+        "<h2>Solver stages</h2>",
         table(head, rows, numbers_from=5),
         *(f"<p>{escape(line)}</p>" for line in own_cuboids(review.queries)),
         "<details><summary>Query by query</summary>",

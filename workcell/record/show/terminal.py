@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from workcell.record.read.metrics import label_of, unit_of
 from workcell.record.read.paths import names_of
 from workcell.record.read.queries import own_cuboids, stage_rows, summary
+from workcell.record.read.ways import WAY_HEAD
 
 if TYPE_CHECKING:
     from rich.console import Group, RenderableType
@@ -45,7 +46,7 @@ def review_table(review: Review) -> Group:
     if review.cuboids:
         parts += _cuboids(review)
     if review.queries:
-        parts += _solvers(review)
+        parts += [*_ways(review), *_solvers(review)]
     if review.events:
         parts.append(Text("Events", style="bold"))
         for line in review.events:
@@ -93,6 +94,19 @@ def _cuboids(review: Review) -> list[RenderableType]:
     return [Text(f"Cuboids in use (of {review.free_cuboids})", style="bold"), table]
 
 
+def _ways(review: Review) -> list[RenderableType]:
+    """Who answered the queries of each way, and how near they came to the bounds on continuity."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=None, box=None, pad_edge=True, header_style="bold")
+    for k, name in enumerate(WAY_HEAD):
+        table.add_column(name, justify="left" if k in (0, 2) else "right", overflow="fold")
+    for row in review.ways:
+        table.add_row(*map(Text, row.cells))
+    return [Text.assemble(("Who planned", "bold"), f"  {summary(review.queries)}"), table]
+
+
 def _solvers(review: Review) -> list[RenderableType]:
     """What the solvers did, stage by stage, for each thing that was asked."""
     from rich.text import Text
@@ -101,7 +115,7 @@ def _solvers(review: Review) -> list[RenderableType]:
     wide = [
         max(len(name) for name in names) for names in zip(*((r.solver, r.stage) for r in rows), strict=True)
     ]
-    parts: list[RenderableType] = [Text.assemble(("Solver stages", "bold"), f"  {summary(review.queries)}")]
+    parts: list[RenderableType] = [Text("Solver stages", style="bold")]
     before = None
     for row in rows:
         if row.what != before:

@@ -53,18 +53,27 @@ class Recording(SceneLog):
         path: where the finished recording is to lie; its folder is made.
         task: name of what is recorded.
         seed: of the run.
+        planner: the solver that its configurations and ways are to be of, which a review holds it to; None: any.
         frame_rate: poses and joint positions a second of simulated time. Metrics are kept at their own rate.
 
     Raises:
         OutputError: by every method, when the file can't be written.
     """
 
-    def __init__(self, path: str | Path, *, task: str, seed: int = 0, frame_rate: float = 50.0) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        task: str,
+        seed: int = 0,
+        planner: str | None = None,
+        frame_rate: float = 50.0,
+    ) -> None:
         self.path = Path(path)
         self.partial_path = self.path.with_name(self.path.stem + ".partial.rrd")
         with writing(self.partial_path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
-        super().__init__(self.partial_path, task, seed)
+        super().__init__(self.partial_path, task, seed, planner)
         self._solvers = SolverLog(self._writer)
         self._period = 1.0 / frame_rate
         self._buffer = _Buffer()

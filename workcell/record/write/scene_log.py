@@ -29,8 +29,12 @@ if TYPE_CHECKING:
 
     from workcell.world.planning_world import PlanningWorld
 
-FORMAT = 2
-"""Version of the layout, stored in the manifest; the first had no seals (see `seal.py`)."""
+FORMAT = 3
+"""Version of the layout, stored in the manifest.
+
+The first had no seals (see `seal.py`). The second did not say who planned (the manifest's `planner`, and in documents
+of queries what was asked of continuity), and called cuboids in use in which links were by geometry alone.
+"""
 
 JOINT_POSITIONS = "joint_positions"
 
@@ -46,10 +50,10 @@ class SceneLog:
 
     Args:
         path: the file to write.
-        task, seed: of the run, for the manifest.
+        task, seed, planner: of the run, for the manifest.
     """
 
-    def __init__(self, path: Path, task: str, seed: int) -> None:
+    def __init__(self, path: Path, task: str, seed: int, planner: str | None) -> None:
         self._writer = RrdWriter(path)
         self._manifest: dict[str, Any] = {
             "format": FORMAT,
@@ -57,6 +61,9 @@ class SceneLog:
             "task": task,
             "seed": seed,
         }
+        if planner is not None:
+            self._manifest["planner"] = planner
+        self._writer.log_document("manifest", to_json(self._manifest))
         self._tracks: dict[str, Track] = {}
         self._carriers: dict[int, str] = {}
         self._robots: dict[str, SceneRobot] = {}

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from workcell.ik.problem import IKProblem
 from workcell.ik.result import IKResult
 from workcell.ik.stages import SolverStage
+from workcell.record.write.query_facts import query_facts
 from workcell.record.write.rrd import Indexes, RrdWriter
 
 LOG, QUERIES = "solver/log", "solver/queries"
@@ -75,7 +76,7 @@ class SolverLog:
             if math.isfinite(stage.gap):
                 self._rows[RESIDUAL].add(place, math.log10(max(stage.gap, _SMALLEST)))
             self._step += 1
-        document = {
+        document: dict[str, Any] = {
             "query": self._queries,
             "what": what,
             "solver": result.solver,
@@ -83,6 +84,7 @@ class SolverLog:
             "cpu_ms": round(cpu_ms, 4),
             "first_step": first,
             "stages": [_row(stage) for stage in result.stages],
+            **query_facts(problem, result),
         }
         if cuboids is not None and problem.cover is not None:
             links = [problem.robot.link_names[link] for link in problem.cover.link]

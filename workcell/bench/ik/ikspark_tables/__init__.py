@@ -1,0 +1,1 @@
+"""Tables VI and VII of IKSPARK, measured again."""

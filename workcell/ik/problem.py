@@ -162,6 +162,14 @@ class CollisionChecker(Protocol):
         ...
 
 
+class Growing(Protocol):
+    """A free space that queries share and that grows where it is asked for."""
+
+    def __call__(self, points: Array, radii: Array | None = None) -> FreeSpace:
+        """Adds what holds spheres of such radii (k,) around points (k, 3); None: as large as its own spheres are."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class IKProblem:
     """Bring a serial robot's tool to a pose, clear of obstacles.
@@ -173,7 +181,7 @@ class IKProblem:
         cover: spheres that stand for the robot in the solvers' model; None: no collision avoidance.
         free_space: cuboids free of obstacles, for the solvers that need them; None: they make their own.
         grow: adds cuboids around points (k, 3), in the world frame, to the free space and returns it whole, for queries
-            that share one; None: solvers keep to themselves what they add.
+            that share one (no points: as it is now); None: solvers keep to themselves what they add.
         checker: the truth about collisions that `verify` asks; None: the exact kernel on `cover` and `obstacles`.
         tool_pose: where the compiled model has the tool at a configuration, for `verify`, which then asks both it and
             its own kinematics; None: its own alone.
@@ -199,7 +207,7 @@ class IKProblem:
     obstacles: tuple[Piece, ...] = ()
     cover: SphereCover | None = None
     free_space: FreeSpace | None = None
-    grow: Callable[[Array], FreeSpace] | None = None
+    grow: Growing | None = None
     checker: CollisionChecker | Callable[[Array], Clearance] | None = None
     tool_pose: Callable[[Array], Pose] | None = None
     q_reference: Array | None = None

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError, UnknownNameError
 from workcell.geometry.covers.outer import attached_cover, merge_covers
-from workcell.geometry.free_space.cuboids import biased_seeds, inflate_cuboids, outermost
+from workcell.geometry.free_space.cuboids import biased_seeds
+from workcell.geometry.free_space.pool import FreeSpacePool
 from workcell.geometry.pieces import scene_obstacles
 from workcell.geometry.types import FreeSpace, Piece, SphereCover, obstacle_name
 from workcell.ik.problem import ITSELF, IKProblem, Tolerances
@@ -36,7 +37,8 @@ class PlanningWorld:
         robot: the planned robot in it.
         cover: outer spheres of the robot, and of what it carries, in link frames.
         obstacles: convex pieces of everything else, in the world frame.
-        free_space: cuboids proved disjoint from every obstacle.
+        pool: free space, proved disjoint from every obstacle, which this world's queries share and let grow. A world
+            that is made from this one begins with a copy of what is free there too.
         collision: the compiled model's distances, which alone decide.
         attached: (object, T_tool_object) that the hand carries, or None.
         overshoot: of the covers, metres.
@@ -47,7 +49,7 @@ class PlanningWorld:
     robot: SceneRobot
     cover: SphereCover
     obstacles: tuple[Piece, ...]
-    free_space: FreeSpace
+    pool: FreeSpacePool
     collision: CollisionModel
     attached: tuple[str, Pose] | None = None
     overshoot: float = 0.02
@@ -87,12 +89,14 @@ class PlanningWorld:
             scene = replace(scene, robots={**scene.robots, actor.name: actor})
         if tool is not None:
             actor = replace(actor, robot=replace(actor.robot, default_tool=actor.robot.tool(tool).name))
+        cover = cover_with_fingers(scene, actor, overshoot)
+        obstacles = scene_obstacles(scene, actor.name, exclude_objects=tuple(approached))
         world = PlanningWorld(
             scene=scene,
             robot=actor,
-            cover=cover_with_fingers(scene, actor, overshoot),
-            obstacles=scene_obstacles(scene, actor.name, exclude_objects=tuple(approached)),
-            free_space=FreeSpace(np.zeros((0, 3)), np.zeros((0, 3))),
+            cover=cover,
+            obstacles=obstacles,
+            pool=FreeSpacePool(obstacles, workspace_bounds(actor.robot), cover.radius),
             collision=CollisionModel(scene, actor.name),
             overshoot=overshoot,
             seed=seed,
@@ -112,13 +116,15 @@ class PlanningWorld:
         actor = replace(self.robot, fingers=fingers_holding(self.scene, self.robot, thing, T_tool_object))
         scene = replace(self.scene, robots={**self.scene.robots, actor.name: actor})
         carried = attached_cover(scene, actor, thing, T_tool_object, overshoot=self.overshoot)
+        cover = merge_covers(cover_with_fingers(scene, actor, self.overshoot), carried)
+        obstacles = scene_obstacles(scene, actor.name, exclude_objects=(thing,))
         world = replace(
             self,
             scene=scene,
             robot=actor,
-            cover=merge_covers(cover_with_fingers(scene, actor, self.overshoot), carried),
-            obstacles=scene_obstacles(scene, actor.name, exclude_objects=(thing,)),
-            free_space=FreeSpace(np.zeros((0, 3)), np.zeros((0, 3))),
+            cover=cover,
+            obstacles=obstacles,
+            pool=self.pool.among(obstacles, cover.radius),
             attached=(thing, T_tool_object),
             collision=CollisionModel(scene, actor.name, attached=(thing, T_tool_object)),
         )
@@ -130,9 +136,9 @@ class PlanningWorld:
             raise InputError("the hand holds nothing", where="supports", remedy="call holding first")
         standing = geoms_called(self.scene.model, supports, "supports")
         pairs = _geom_pairs(self.scene, self.attached[0], standing)
+        world = self._among(piece for piece in self.obstacles if piece.geom not in standing)
         return replace(
-            self,
-            obstacles=tuple(piece for piece in self.obstacles if piece.geom not in standing),
+            world,
             collision=CollisionModel(
                 self.scene, self.robot.name, attached=self.attached, allowed_geoms=pairs
             ),
@@ -152,11 +158,8 @@ class PlanningWorld:
                 )
         others = frozenset[int]().union(*(other.body_ids for other in gone)) - self.robot.body_ids
         body_of = self.scene.model.geom_bodyid
-        return replace(
-            self,
-            obstacles=tuple(piece for piece in self.obstacles if int(body_of[piece.geom]) not in others),
-            collision=self.collision.ignoring(others),
-        )
+        world = self._among(piece for piece in self.obstacles if int(body_of[piece.geom]) not in others)
+        return replace(world, collision=self.collision.ignoring(others))
 
     def close_to(self, geoms: Iterable[str]) -> PlanningWorld:
         """The same world for a motion that comes closer to some geoms than the robot's spheres allow.
@@ -176,7 +179,12 @@ class PlanningWorld:
             if name not in names:
                 raise UnknownNameError("geom", name, names, where="close_to")
             near.add(names[name])
-        return replace(self, obstacles=tuple(piece for piece in self.obstacles if piece.geom not in near))
+        return self._among(piece for piece in self.obstacles if piece.geom not in near)
+
+    def _among(self, obstacles: Iterable[Piece]) -> PlanningWorld:
+        """The same world among other obstacles, with what of its free space is free of them."""
+        pieces = tuple(obstacles)
+        return replace(self, obstacles=pieces, pool=self.pool.among(pieces))
 
     def relaxed(self, problem: IKProblem, names: Collection[str]) -> IKProblem:
         """A question of this world without some obstacles (`obstacle_name`), or `ITSELF`, for all who judge it."""
@@ -187,12 +195,20 @@ class PlanningWorld:
             collision = collision.without_own()
         kept = tuple(piece for piece in problem.obstacles if obstacle_name(piece) not in names)
         world = replace(self, obstacles=kept, collision=collision)
-        return replace(problem, obstacles=kept, checker=world.clearance, inner=world._inside, free_space=None)
+        return replace(
+            problem,
+            obstacles=kept,
+            checker=world.clearance,
+            inner=world._inside,
+            free_space=None,
+            grow=None,
+        )
 
     def problem(self, target: Pose, *, q_reference: Array | None = None, margin: float = 0.0) -> IKProblem:
         """The question: bring the tool to `target`, at least `margin` metres clear of everything.
 
-        Answers are in the whole turns of joints that are nearest to where the robot starts (`IKProblem.q_near`).
+        Answers are in the whole turns of joints that are nearest to where the robot starts (`IKProblem.q_near`). Its
+        free space is this world's, and grows for all queries of this world.
         """
         return IKProblem(
             robot=self.robot.robot,
@@ -200,6 +216,7 @@ class PlanningWorld:
             obstacles=self.obstacles,
             cover=self.cover,
             free_space=self.free_space,
+            grow=self.pool.grow,
             checker=self.clearance,
             tool_pose=self.tool_pose,
             q_reference=q_reference,
@@ -218,6 +235,7 @@ class PlanningWorld:
             obstacles=model.obstacles,
             self_collision=model.self_pairs,
             free_space=None,
+            grow=None,
             inner=None,
         )
 
@@ -239,17 +257,23 @@ class PlanningWorld:
         """`T_world_tool` on the compiled model at `q` (n,)."""
         return self.collision.site_pose(self.robot.robot.default_tool, q)
 
+    @property
+    def free_space(self) -> FreeSpace:
+        """What the pool holds now."""
+        return self.pool.free_space
+
     def with_free_space_around(self, configurations: Iterable[Array]) -> PlanningWorld:
-        """The same world with cuboids inflated around more configurations (k, n)."""
+        """The same world with more free space around configurations (k, n): where the robot's spheres are, and near."""
         wanted = list(configurations)
         if not wanted:
             return self
-        seeds = biased_seeds(self.robot.robot, self.cover, np.array(wanted), seed=self.seed)
-        more = inflate_cuboids(seeds, self.obstacles, workspace_bounds(self.robot.robot))
-        lower = np.concatenate([self.free_space.lower, more.lower])
-        upper = np.concatenate([self.free_space.upper, more.upper])
-        kept = outermost(lower, upper)
-        return replace(self, free_space=FreeSpace(lower[kept], upper[kept]))
+        robot, moving = self.robot.robot, self.cover.link > 0
+        seeds = biased_seeds(robot, self.cover, np.array(wanted), seed=self.seed)
+        there = len(wanted) * int(np.count_nonzero(moving))
+        pool = self.pool.among(self.obstacles)
+        pool.grow(seeds[:there], np.tile(self.cover.radius[moving], len(wanted)))
+        pool.grow(seeds[there:], np.zeros(len(seeds) - there))
+        return replace(self, pool=pool)
 
 
 def _geom_pairs(scene: Scene, thing: str, supports: Iterable[int]) -> list[tuple[int, int]]:

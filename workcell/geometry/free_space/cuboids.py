@@ -54,23 +54,50 @@ def inflate_cuboids(
     Raises:
         InputError: bounds that are not finite, or inverted, or wholly inside one obstacle; seeds that are not finite.
     """
-    points = np.asarray(seeds, dtype=float).reshape(-1, 3)
-    box = _checked_bounds(bounds, obstacles)
-    if not np.all(np.isfinite(points)):
-        raise InputError("seeds must be finite", where="seeds")
-    blockers = Blockers(obstacles)
-    usable = np.all((points > box[0] + GAP) & (points < box[1] - GAP), axis=1)
-    usable[usable] = _is_free(blockers, points[usable])
-    lower, upper = _grow(points[usable], blockers, box, first_step)
-    kept = outermost(lower, upper)
-    margin = separations(lower[kept], upper[kept], obstacles)[0].min(axis=1, initial=np.inf)
-    proved = margin >= 0
-    return FreeSpace(
-        lower[kept][proved],
-        upper[kept][proved],
-        margin=margin[proved],
-        skipped_seeds=int(np.count_nonzero(~usable)),
-    )
+    return CuboidInflation(obstacles, bounds).cuboids(seeds, first_step=first_step)
+
+
+class CuboidInflation:
+    """Obstacles and bounds prepared once, for cuboids that are asked for again and again.
+
+    Args:
+        obstacles, bounds: as `inflate_cuboids` takes them, and refuses them.
+    """
+
+    def __init__(self, obstacles: Sequence[Piece], bounds: ArrayLike) -> None:
+        self._obstacles, self._bounds = obstacles, _checked_bounds(bounds, obstacles)
+        self._blockers = Blockers(obstacles)
+
+    def cuboids(
+        self, seeds: ArrayLike, *, first_step: float = FIRST_STEP, half: ArrayLike | None = None
+    ) -> FreeSpace:
+        """Cuboids from seeds (k, 3), or from cubes around them: see `inflate_cuboids`.
+
+        Args:
+            seeds: (k, 3) metres.
+            first_step: Delta of the first sweep.
+            half: (k,) half an edge, metres, of cubes that the cuboids begin as. Those that are not free are skipped.
+        """
+        points = np.asarray(seeds, dtype=float).reshape(-1, 3)
+        if not np.all(np.isfinite(points)):
+            raise InputError("seeds must be finite", where="seeds")
+        reach = np.full(len(points), GAP) if half is None else np.asarray(half, dtype=float) + GAP
+        lower, upper = points - reach[:, None], points + reach[:, None]
+        usable = np.all((lower > self._bounds[0]) & (upper < self._bounds[1]), axis=1)
+        usable[usable] = _is_free(self._blockers, points[usable])
+        if half is not None and usable.any():
+            apart = separations(lower[usable], upper[usable], self._obstacles)[0]
+            usable[usable] = (apart >= 0.0).all(axis=1)
+        lower, upper = _grow(lower[usable], upper[usable], self._blockers, self._bounds, first_step)
+        kept = outermost(lower, upper)
+        margin = separations(lower[kept], upper[kept], self._obstacles)[0].min(axis=1, initial=np.inf)
+        proved = margin >= 0
+        return FreeSpace(
+            lower[kept][proved],
+            upper[kept][proved],
+            margin=margin[proved],
+            skipped_seeds=int(np.count_nonzero(~usable)),
+        )
 
 
 def biased_seeds(
@@ -194,10 +221,9 @@ def _is_free(blockers: Blockers, points: Array) -> NDArray[np.bool_]:
     return free
 
 
-def _grow(seeds: Array, blockers: Blockers, bounds: Array, step: float) -> tuple[Array, Array]:
-    """The sweeps of Algorithm 3 over all cuboids (s, 3) at once; GAP stays free around each."""
-    lower, upper = seeds - GAP, seeds + GAP
-    active = np.ones((len(seeds), 3, 2), dtype=bool)
+def _grow(lower: Array, upper: Array, blockers: Blockers, bounds: Array, step: float) -> tuple[Array, Array]:
+    """The sweeps of Algorithm 3 over all cuboids (s, 3) at once, from corners on; GAP stays free around each."""
+    active = np.ones((len(lower), 3, 2), dtype=bool)
     while active.any():
         for axis in range(3):
             for side, sign, corner in ((0, -1, lower), (1, 1, upper)):

@@ -85,14 +85,14 @@ def facing(piece: Piece, ellipsoid: Ellipsoid) -> Array:
         found: Array = inverse @ (support_point(piece, inverse.T @ direction) - ellipsoid.centre)
         return found
 
-    normal: Array = inverse.T @ _nearest_to_origin(
+    normal: Array = inverse.T @ nearest_to_origin(
         farthest, inverse @ (piece.pose.position - ellipsoid.centre)
     )
     unit: Array = normal / np.linalg.norm(normal)
     return unit
 
 
-def _nearest_to_origin(farthest: Any, guess: Array) -> Array:
+def nearest_to_origin(farthest: Any, guess: Array) -> Array:
     """The point of a convex set nearest to the origin, by Wolfe's algorithm on its support points."""
     corners = np.array([farthest(-guess)])
     weights: Array = np.ones(1)

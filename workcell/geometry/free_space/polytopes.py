@@ -27,17 +27,20 @@ _LEAST_GROWTH = 0.02
 """Share of volume that a round must add for another one."""
 
 
-def inflate_polytope(seed: ArrayLike, obstacles: Sequence[Piece], bounds: ArrayLike) -> FreePolytope | None:
+def inflate_polytope(
+    seed: ArrayLike, obstacles: Sequence[Piece], bounds: ArrayLike, *, radius: float = 0.0
+) -> FreePolytope | None:
     """Grow a convex polytope around a point until its largest ellipsoid hardly grows; the point stays inside.
 
     Args:
         seed: (3,) metres.
         obstacles: convex pieces in the same frame.
         bounds: (2, 3) lower and upper corner of the workspace.
+        radius: metres, of a ball around the point that stays inside too.
 
     Returns:
-        the polytope with its proved margin; None when the seed is inside an obstacle, closer than `GAP`, or outside the
-        workspace.
+        the polytope with its proved margin; None when the seed is inside an obstacle, closer than the radius and twice
+        `GAP`, or outside the workspace.
 
     Raises:
         InputError: a seed that is not finite.
@@ -48,12 +51,12 @@ def inflate_polytope(seed: ArrayLike, obstacles: Sequence[Piece], bounds: ArrayL
     room = float(min((point - box[0]).min(), (box[1] - point).min()))
     if len(obstacles):
         room = min(room, float(ObstacleArrays(obstacles).distances(point).min()))
-    if room <= 2 * GAP:
+    if room <= radius + 2 * GAP:
         return None
     ellipsoid, best = Ellipsoid(0.9 * room * np.eye(3), point), None
     for _ in range(_ROUNDS):
         A, b = _planes_around(ellipsoid, obstacles, box)
-        if np.any(A @ point > b):
+        if np.any(A @ point + radius > b):
             break
         grown, best = largest_ellipsoid(A, b), (A, b)
         if grown.volume <= (1.0 + _LEAST_GROWTH) * ellipsoid.volume:

@@ -117,6 +117,15 @@ class Path:
         """Largest change of any joint between neighbouring waypoints (L-infinity), radians or metres."""
         return float(np.abs(np.diff(self.configurations, axis=0)).max())
 
+    @property
+    def largest_link_rotation(self) -> float:
+        """Largest change of any link's world rotation between neighbouring waypoints (Frobenius norm).
+
+        Of a rotation by an angle phi it is 2 sqrt(2) sin(phi / 2): what Eq. 75 of IKSPARK bounds.
+        """
+        turned = np.diff(self.robot.link_transforms(self.configurations)[..., :3, :3], axis=0)
+        return float(np.linalg.norm(turned, axis=(-2, -1)).max())
+
     def at(self, u: ArrayLike) -> Array:
         """Configurations (..., n) at path parameters u (...) in [0, k - 1]; waypoint i stands at u = i."""
         inside = np.clip(np.asarray(u, dtype=float), 0, len(self) - 1)
@@ -146,6 +155,7 @@ class PathMetrics:
     Attributes:
         waypoints: how many.
         largest_step: L-infinity joint step between neighbours (radians or metres).
+        largest_link_rotation: see `Path.largest_link_rotation`.
         deviation_m, deviation_rad: largest half-way deviation of the tool from the straight tool path.
         clearance_at_waypoints: smallest clearance at a waypoint (metres), with its pair.
         clearance_between: lower bound on the clearance everywhere on the path, proved by subdivision.
@@ -156,6 +166,7 @@ class PathMetrics:
 
     waypoints: int
     largest_step: float
+    largest_link_rotation: float
     deviation_m: float
     deviation_rad: float
     clearance_at_waypoints: Clearance

@@ -35,6 +35,7 @@ def measured(path: Path, at_waypoints: Clearance, between: float, evaluations: i
     return PathMetrics(
         waypoints=len(path),
         largest_step=path.largest_step,
+        largest_link_rotation=path.largest_link_rotation,
         deviation_m=float(metres.max()),
         deviation_rad=float(radians.max()),
         clearance_at_waypoints=at_waypoints,

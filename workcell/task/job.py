@@ -143,7 +143,7 @@ class Job:
         *,
         tolerance: PathTolerance | None = None,
     ) -> Path:
-        """A continuous joint path along tool poses, by fast local steps."""
+        """A continuous joint path along tool poses, by the planner's steps."""
         return self.planning.follow(world, poses, q_start, limits, what, tolerance=tolerance)
 
     def trace(
@@ -178,11 +178,14 @@ class Job:
         limits: FollowLimits,
         what: str,
         *,
+        goal: Array | None = None,
         others: Sequence[Sequence[Pose]] = (),
         upright: Upright | None = None,
     ) -> Path:
-        """A continuous path from where the robot stands along tool poses."""
-        return self.planning.reach(world, q_start, inward, limits, what, others=others, upright=upright)
+        """A continuous path from where the robot stands along tool poses, to a goal configuration if one is given."""
+        return self.planning.reach(
+            world, q_start, inward, limits, what, goal=goal, others=others, upright=upright
+        )
 
     def carry(
         self, team: Team, poses: Sequence[Pose], starts: Mapping[str, Array], limits: FollowLimits, what: str

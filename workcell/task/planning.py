@@ -18,9 +18,10 @@ from workcell.motion.path import Path
 from workcell.motion.plans.in_scene import plan_in_world
 from workcell.motion.plans.result import PlanSettings
 from workcell.motion.teams.team import Team, carry
-from workcell.motion.tool_paths.follow import FollowLimits, follow, local_solver, step_solver
+from workcell.motion.tool_paths.follow import FollowLimits, follow, steps_of
 from workcell.motion.tool_paths.poses import PathTolerance
 from workcell.motion.tool_paths.reach import reach
+from workcell.motion.tool_paths.result import Answered
 from workcell.motion.tool_paths.route import route
 from workcell.pose import Array, Pose
 from workcell.task.script import TaskFailedError
@@ -89,15 +90,15 @@ class Planning:
         *,
         tolerance: PathTolerance | None = None,
     ) -> Path:
-        """A continuous joint path along tool poses, by fast local steps; without one the task ends: why and where."""
+        """A continuous joint path along tool poses, by the planner's steps; without one the task ends with why."""
         with self.story.asking(what, world):
-            problem, rescue = world.problem(poses[0]), step_solver(self.planner, seed=self.seed)
-            solver = local_solver(problem, tolerance=tolerance, limits=limits, rescue=rescue, seed=self.seed)
+            problem = world.problem(poses[0])
+            solver = steps_of(self.planner, problem, tolerance=tolerance, limits=limits, seed=self.seed)
             result = follow(problem, poses, q_start, tolerance=tolerance, limits=limits, solver=solver)
         if result.path is None or not result.followed:
             where = "" if result.failure is None else f" {result.failure.words}"
             self.story.fail(result.status.value, f"{what}{where}. {result.status.sentence}")
-        self._tell_path(world, result.path, limits, what)
+        self._tell_path(world, result.path, limits, what, result.answered)
         return result.path
 
     def trace(
@@ -136,7 +137,7 @@ class Planning:
             self.story.fail(result.status.value, f"{what}{where}. {result.status.sentence}")
         metrics = result.metrics
         self.story.say(
-            f"{what}: {metrics.waypoints} waypoints, largest step {metrics.largest_step:.3f} rad, half-way at most "
+            f"{what}: {steps_in_words(result.path, limits, result.answered)}, half-way at most "
             f"{1e3 * metrics.deviation_m:.2f} mm off, manipulability {1e3 * metrics.manipulability:.2f}e-3 or more, "
             f"{metrics.limit_distance:.2f} rad or more from limits, "
             + self.story.if_looked_at(world, f"proved {1e3 * metrics.clearance_between:.0f} mm clear")
@@ -178,23 +179,33 @@ class Planning:
         limits: FollowLimits,
         what: str,
         *,
+        goal: Array | None = None,
         others: Sequence[Sequence[Pose]] = (),
         upright: Upright | None = None,
     ) -> Path:
         """A continuous path from where the robot stands along tool poses; without one the task ends with the reason.
 
-        `others` would do as well as `inward`: the first that can be followed without a detour is taken. `upright`
-        keeps an axis of the tool within a cone all along: for what must not tilt, or would slip if it did.
+        `goal` (n,) is a configuration of the last pose, in which the path is to end. `others` would do as well as
+        `inward`: the first that can be followed without a detour is taken. `upright` keeps an axis of the tool within
+        a cone all along: for what must not tilt, or would slip if it did.
         """
         ways = [inward, *others]
         with self.story.asking(what, world):
             result = reach(
-                world, q_start, ways, limits=limits, upright=upright, solver=self.planner, seed=self.seed
+                world,
+                q_start,
+                ways,
+                limits=limits,
+                goal=goal,
+                upright=upright,
+                solver=self.planner,
+                seed=self.seed,
             )
         if result.path is None:
             status = "NOT_FOUND" if result.ik is None or result.ik.solved else result.ik.status.value
             self.story.fail(status, f"{what}: {'; '.join(result.failures)}")
-        self._tell_path(world, result.path, limits, f"{what} ({result.how})")
+        followed = result.path if result.followed is None else result.followed.path or result.path
+        self._tell_path(world, followed, limits, f"{what} ({result.how})", result.answered)
         return result.path
 
     def carry(
@@ -207,16 +218,27 @@ class Planning:
             status = "COLLISION" if result.proof is not None else "NOT_FOUND"
             self.story.fail(status, f"{what}: {result.failure}")
         self.story.say(
-            f"{what}: {len(result.path)} waypoints of {len(team.grasps)} arms, largest step "
-            f"{result.path.largest_step:.3f} rad, proved at least {1e3 * result.proof.margin:.0f} mm clear all along"
+            f"{what}: {len(team.grasps)} arms, {steps_in_words(result.path, limits, result.answered)}, "
+            f"proved at least {1e3 * result.proof.margin:.0f} mm clear all along"
         )
         for name in team.grasps:
             self.story.log_way(name, team.tools(name, result.path.configurations))
         return result.path
 
-    def _tell_path(self, world: PlanningWorld, path: Path, limits: FollowLimits, what: str) -> None:
+    def _tell_path(
+        self, world: PlanningWorld, path: Path, limits: FollowLimits, what: str, answered: Answered
+    ) -> None:
         proved = f"proved at least {1e3 * limits.clearance:.0f} mm clear all along"
         self.story.say(
-            f"{what}: {len(path)} waypoints, largest step {path.largest_step:.3f} rad, "
-            + self.story.if_looked_at(world, proved)
+            f"{what}: {steps_in_words(path, limits, answered)}, " + self.story.if_looked_at(world, proved)
         )
+
+
+def steps_in_words(path: Path, limits: FollowLimits, answered: Answered) -> str:
+    """How many steps a path has, whose they are, and the largest of them against their bounds."""
+    turned = f"largest link rotation {path.largest_link_rotation:.2f}"
+    bound = "" if limits.max_link_rotation is None else f" of {limits.max_link_rotation:.2f}"
+    return (
+        f"{len(path)} waypoints, {answered.words}, largest step {path.largest_step:.3f} of {limits.max_step:.3f} rad, "
+        f"{turned}{bound}"
+    )

@@ -22,14 +22,8 @@ from workcell.model.robot import Robot
 from workcell.model.scene import Scene
 from workcell.motion.path import Path, Trajectory
 from workcell.motion.proofs.on_model import Proof, chords, motion_bound, prove_by_halving
-from workcell.motion.tool_paths.follow import (
-    FollowLimits,
-    FollowResult,
-    Solver,
-    follow,
-    local_solver,
-    step_solver,
-)
+from workcell.motion.tool_paths.follow import FollowLimits, FollowResult, follow, steps_of
+from workcell.motion.tool_paths.result import Answered
 from workcell.pose import Array, Pose
 from workcell.world.planning_world import PlanningWorld
 
@@ -189,6 +183,11 @@ class TeamResult:
     failure: str
     arms: Mapping[str, FollowResult]
 
+    @property
+    def answered(self) -> Answered:
+        """Who answered the configurations of all arms."""
+        return sum((arm.answered for arm in self.arms.values()), Answered())
+
 
 def carry(
     team: Team,
@@ -206,15 +205,14 @@ def carry(
         object_poses: `T_world_object`, two or more, the first being where the object is at `starts`.
         starts: (n,) of each arm, by name.
         limits: of each arm's motion.
-        solver: of the steps that fast local tracking can't make.
+        solver: the planner whose steps each arm makes, see `workcell.motion.tool_paths.planners.steps_of`.
         seed: same seed, same path.
     """
     arms, columns_of = {}, []
     for name, grasp in team.grasps.items():
         poses = [pose @ grasp for pose in object_poses]
         problem = team.worlds[name].problem(poses[0])
-        rescue: Solver = step_solver(solver, seed=seed)
-        steps = local_solver(problem, limits=limits, rescue=rescue, seed=seed)
+        steps = steps_of(solver, problem, limits=limits, seed=seed)
         arms[name] = follow(problem, poses, starts[name], limits=limits, solver=steps)
         path = arms[name].path
         if path is None or not arms[name].followed:

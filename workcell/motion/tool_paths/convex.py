@@ -8,12 +8,12 @@ import numpy as np
 
 from workcell.ik.result import IKResult, Status
 from workcell.ik.solve import solve
-from workcell.motion.tool_paths.follow import STEP_BUDGET, step_solver
 from workcell.motion.tool_paths.graph import Routes
+from workcell.motion.tool_paths.planners import STEP_BUDGET, steps_of
 from workcell.motion.tool_paths.query import RouteQuery
 from workcell.motion.tool_paths.result import FollowResult
 from workcell.motion.tool_paths.starts import with_turns
-from workcell.motion.tool_paths.steps import Tolerant, starting_poses
+from workcell.motion.tool_paths.steps import starting_poses
 from workcell.pose import Array
 
 STARTS = 8
@@ -53,5 +53,5 @@ class ConvexSteps:
     def followed(self, motion: Array) -> FollowResult:
         """Steps by the convex solver to the allowed poses that a motion (k, n) has."""
         query = self.query
-        steps = step_solver(query.solver, budget=STEP_BUDGET, seed=query.seed)
-        return query.follow(Tolerant(steps, query.tolerance), motion)
+        steps = steps_of(query.solver, query.template, tolerance=query.tolerance, seed=query.seed)
+        return query.follow(steps, motion)

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field, replace
 
 from workcell.ik.hjcd.solver import collect_solutions
 from workcell.ik.problem import Budget, IKProblem
-from workcell.motion.tool_paths.follow import diagnose, step_solver
 from workcell.motion.tool_paths.graph import DeadEnd
+from workcell.motion.tool_paths.planners import step_solver
 from workcell.motion.tool_paths.poses import PathTolerance
 from workcell.motion.tool_paths.result import FollowFailure, FollowResult, FollowStatus
+from workcell.motion.tool_paths.step_errors import diagnose
 from workcell.motion.tool_paths.steps import Tolerant, nearby_poses
 from workcell.pose import Array, Pose
 

@@ -8,8 +8,8 @@ Pose by pose, the next configuration is an IK problem that carries a continuity 
 straight path and the clearance along the whole joint-linear segment are checked, and the spacing refined where the
 deviation is too large.
 
-The steps are IKSPARK's, or local ones (`workcell.motion.tool_paths.steps`) with IKSPARK where they fail. From which
-configuration to start is the choice of `workcell.motion.tool_paths.route`.
+Who answers the steps is the choice of `workcell.motion.tool_paths.planners`, from which configuration to start that of
+`workcell.motion.tool_paths.route`.
 """
 
 from __future__ import annotations
@@ -24,14 +24,22 @@ from numpy.typing import ArrayLike
 
 from workcell.errors import InputError
 from workcell.geometry.types import SphereCover
-from workcell.ik.problem import POSE_BUDGET, Budget, Clearance, IKProblem
-from workcell.ik.result import IKResult, Status
+from workcell.ik.problem import Clearance, IKProblem
+from workcell.ik.result import IKResult
 from workcell.motion.path import Path
 from workcell.motion.proofs.on_model import Proof, prove_segment
 from workcell.motion.quality import measured, smallest
+from workcell.motion.tool_paths.planners import local_solver, step_solver, steps_of
 from workcell.motion.tool_paths.poses import PathTolerance, check_tool_path, line
-from workcell.motion.tool_paths.result import FollowFailure, FollowLimits, FollowResult, FollowStatus
-from workcell.motion.tool_paths.steps import LocalSolver, Solver, Tolerant
+from workcell.motion.tool_paths.result import (
+    Answered,
+    FollowFailure,
+    FollowLimits,
+    FollowResult,
+    FollowStatus,
+)
+from workcell.motion.tool_paths.step_errors import StepError, diagnose
+from workcell.motion.tool_paths.steps import LocalSolver, Solver, Steps, Tolerant
 from workcell.pose import Array, Pose
 
 __all__ = [
@@ -46,10 +54,9 @@ __all__ = [
     "line",
     "local_solver",
     "step_solver",
+    "steps_of",
 ]
 
-STEP_BUDGET = Budget(60.0, effort=1.0)
-"""For one answer of the convex solver along a path. The effort ends it, which is the same at any load."""
 _FINAL = (FollowStatus.UNREACHABLE, FollowStatus.BLOCKED, FollowStatus.BLOCKED_IN_MODEL)
 """What is true of a pose however near the one before it is."""
 
@@ -75,7 +82,7 @@ def follow(
         limits: continuity, deviation and clearance to keep.
         extent: spheres in link frames that contain the moving robot (for the proof between waypoints); None: the
             template's cover. Without either, or without a checker, no clearance is checked between waypoints.
-        solver: answers one IK problem; None: IKSPARK through `workcell.ik.solve.solve`. See also `local_solver`.
+        solver: answers one IK problem; None: IKSPARK through `workcell.ik.solve.solve`. See also `steps_of`.
         proposed: (k, n) configurations that may do for the first k poses; None: there are none.
 
     Raises:
@@ -89,76 +96,6 @@ def follow(
     waypoints = zip_longest(poses, () if proposed is None else proposed[: len(poses)])
     tracker = _Tracker(template, limits or FollowLimits(), extent or template.cover, answer, allowed)
     return tracker.run(list(starmap(_Waypoint, waypoints)), np.asarray(q_start, dtype=float))
-
-
-def step_solver(name: str = "ikspark", budget: Budget | None = None, seed: int = 0) -> Solver:
-    """A solver of `workcell.ik.solve`, by name, for each step: its answers are verified."""
-    from workcell.ik.solve import solve
-
-    def answer(problem: IKProblem) -> IKResult:
-        return solve(problem, solver=name, budget=budget or POSE_BUDGET, seed=seed)
-
-    return answer
-
-
-def local_solver(
-    template: IKProblem,
-    *,
-    tolerance: PathTolerance | None = None,
-    limits: FollowLimits | None = None,
-    rescue: Solver | None = None,
-    seed: int = 0,
-) -> LocalSolver:
-    """Fast local steps for `follow`, with a solver behind them for those that fail (None: IKSPARK)."""
-    limits = limits or FollowLimits()
-    return LocalSolver(
-        template,
-        tolerance,
-        max_step=limits.max_step,
-        clearance=limits.clearance,
-        rescue=rescue or step_solver("ikspark", STEP_BUDGET, seed),
-    )
-
-
-def diagnose(solver: Solver, template: IKProblem, pose: Pose, q_before: Array, max_step: float) -> _StepError:
-    """Which constraint forbids to reach a pose from a configuration: the pose itself, the obstacles, or continuity."""
-    free = replace(template, target=pose, q_reference=None, max_step=None, max_link_rotation=None)
-    alone = solver(
-        replace(free, cover=None, checker=None, obstacles=(), free_space=None, self_collision=None)
-    )
-    if alone.status is Status.UNREACHABLE:
-        detail = f"no configuration reaches this pose (certified){_proof_of(alone)}"
-        return _StepError(FollowStatus.UNREACHABLE, pose, detail, alone)
-    if not alone.solved:
-        return _StepError(
-            FollowStatus.NOT_FOUND, pose, f"{alone.status.value}: {alone.status.sentence}", alone
-        )
-    anywhere = solver(free)
-    if anywhere.solved and anywhere.q is not None:
-        gap = float(np.abs(anywhere.q - q_before).max())
-        detail = (
-            f"no configuration within {max_step:.3g} rad of the previous one; "
-            f"another that reaches the pose is {gap:.3g} rad away"
-        )
-        return _StepError(FollowStatus.STEP_TOO_LARGE, pose, detail, anywhere)
-    if anywhere.status in (Status.BLOCKED, Status.BLOCKED_IN_MODEL):
-        detail = f"{anywhere.status.sentence}{_proof_of(anywhere)}"
-        return _StepError(FollowStatus(anywhere.status.value), pose, detail, anywhere)
-    detail = f"no collision-free configuration was found ({anywhere.status.value})"
-    return _StepError(FollowStatus.NOT_FOUND, pose, detail, anywhere)
-
-
-def _proof_of(answer: IKResult) -> str:
-    """What was proved, to go behind a sentence; nothing where no certificate is at hand."""
-    return "" if answer.certificate is None else f" Proved: {answer.certificate.statement}"
-
-
-class _StepError(Exception):
-    """A step that can't be made; caught in `_Tracker.run`."""
-
-    def __init__(self, status: FollowStatus, pose: Pose, detail: str, ik: IKResult | None = None) -> None:
-        self.status, self.pose, self.detail, self.ik = status, pose, detail, ik
-        super().__init__(detail)
 
 
 def check_start(template: IKProblem, tolerance: PathTolerance, pose: Pose, q: Array) -> None:
@@ -186,13 +123,14 @@ class _Tracker:
     template: IKProblem
     limits: FollowLimits
     extent: SphereCover | None
-    solver: LocalSolver | Tolerant
+    solver: Steps
     tolerance: PathTolerance
     configurations: list[Array] = field(default_factory=list)
     poses: list[Pose] = field(default_factory=list)
     reached: list[Pose] = field(default_factory=list)
     clearances: list[Clearance] = field(default_factory=list)
     proofs: list[Proof] = field(default_factory=list)
+    answers: list[IKResult] = field(default_factory=list)
     solved: int = 0
 
     def run(self, waypoints: list[_Waypoint], q_start: Array) -> FollowResult:
@@ -205,7 +143,7 @@ class _Tracker:
         for i, waypoint in enumerate(waypoints[1:], start=1):
             try:
                 self._advance(waypoint, self.limits.max_halvings)
-            except _StepError as error:
+            except StepError as error:
                 status = error.status
                 done = (i - 1) / (len(waypoints) - 1)
                 failure = FollowFailure(i, done, error.pose, error.detail, error.ik)
@@ -216,7 +154,7 @@ class _Tracker:
         between = min((proof.margin for proof in self.proofs), default=float("nan"))
         evaluations = sum(proof.evaluations for proof in self.proofs)
         metrics = measured(path, smallest(self.clearances), between, evaluations)
-        return FollowResult(status, path, failure, metrics, self.solved)
+        return FollowResult(status, path, failure, metrics, self.solved, Answered.of(self.answers))
 
     def _append(self, pose: Pose, q: Array, clearance: Clearance) -> None:
         """A waypoint: the pose of the path, the allowed one where the tool is, and the clearance."""
@@ -229,7 +167,7 @@ class _Tracker:
         """Go on from the last configuration, by way of poses between when the step or the deviation is too big."""
         pose, previous, q_previous = waypoint.pose, self.poses[-1], self.configurations[-1]
         result = self._solve(waypoint, q_previous)
-        reason: _StepError | None = None
+        reason: StepError | None = None
         if result.q is None or not result.solved:
             reason = self._why_no_step(waypoint, q_previous, halvings)
             if reason.status in _FINAL:
@@ -238,17 +176,18 @@ class _Tracker:
             reason = self._check_between(previous, pose, q_previous, result.q)
         if reason is None and result.q is not None:
             self._append(pose, result.q, result.clearance)
+            self.answers.append(result)
         elif halvings > 0:
             self._advance(_Waypoint(previous.interpolate(pose, 0.5)), halvings - 1)
             self._advance(waypoint, halvings - 1)
         elif reason is not None:
             raise reason
 
-    def _why_no_step(self, waypoint: _Waypoint, q_previous: Array, halvings: int) -> _StepError:
+    def _why_no_step(self, waypoint: _Waypoint, q_previous: Array, halvings: int) -> StepError:
         """Why a pose was not reached: asked once for a given pose, and where the distance can't be halved further."""
         pose = waypoint.pose
         if 0 < halvings < self.limits.max_halvings:
-            return _StepError(FollowStatus.STEP_TOO_LARGE, pose, "no configuration within the largest step")
+            return StepError(FollowStatus.STEP_TOO_LARGE, pose, "no configuration within the largest step")
         self.solved += 2
         solver = partial(self.solver, proposed=waypoint.proposed)
         return diagnose(solver, self.template, pose, q_previous, self.limits.max_step)
@@ -262,16 +201,20 @@ class _Tracker:
             max_step=self.limits.max_step,
             max_link_rotation=self.limits.max_link_rotation,
         )
-        return self.solver(step, waypoint.proposed)
+        result = self.solver(step, waypoint.proposed)
+        if result.free_space is not None and step.grow is not None:
+            # what this step had to add, the next ones begin with
+            self.template = replace(self.template, free_space=result.free_space)
+        return result
 
-    def _check_between(self, previous: Pose, pose: Pose, q_previous: Array, q: Array) -> _StepError | None:
+    def _check_between(self, previous: Pose, pose: Pose, q_previous: Array, q: Array) -> StepError | None:
         half = self.template.robot.fk(0.5 * (q_previous + q))
         metres, radians = self.tolerance.excess(previous.interpolate(pose, 0.5), half)
         if metres > self.limits.deviation_m or radians > self.limits.deviation_rad:
             detail = (
                 f"half-way to this pose the tool is {1000 * metres:.2f} mm and {radians:.4f} rad off the path"
             )
-            return _StepError(FollowStatus.OFF_PATH, pose, detail)
+            return StepError(FollowStatus.OFF_PATH, pose, detail)
         if self.template.checker is None or self.extent is None:
             return None
         proof = prove_segment(
@@ -283,6 +226,6 @@ class _Tracker:
             floor=self.limits.clearance,
         )
         if not proof.proved:
-            return _StepError(FollowStatus.COLLISION, pose, proof.reason)
+            return StepError(FollowStatus.COLLISION, pose, proof.reason)
         self.proofs.append(proof)
         return None

@@ -136,5 +136,9 @@ def _with_path(failure: FollowResult, followed: FollowResult | None) -> FollowRe
     if followed is None:
         return failure
     return replace(
-        failure, path=followed.path, metrics=followed.metrics, solved=failure.solved + followed.solved
+        failure,
+        path=followed.path,
+        metrics=followed.metrics,
+        solved=failure.solved + followed.solved,
+        answered=followed.answered,
     )

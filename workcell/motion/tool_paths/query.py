@@ -12,7 +12,8 @@ import numpy as np
 
 from workcell.geometry.types import SphereCover
 from workcell.ik.problem import Budget, IKProblem
-from workcell.motion.tool_paths.follow import follow, local_solver
+from workcell.motion.tool_paths.follow import follow
+from workcell.motion.tool_paths.planners import local_solver
 from workcell.motion.tool_paths.poses import PathTolerance
 from workcell.motion.tool_paths.result import FollowLimits, FollowResult
 from workcell.motion.tool_paths.starts import nearby, sampled, with_turns

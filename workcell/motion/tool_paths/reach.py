@@ -4,13 +4,13 @@ A tool path that is followed from one given configuration may run into a joint l
 second choice). Then the goal's inverse kinematics is solved again, with other seeds; each solution is followed
 backwards out along the path, and the place where it comes out is connected to the start by a collision-free joint
 motion. Where several tool paths would do, such as one for each grasp that an object allows, one that needs no such
-detour comes first.
+detour comes first. Where a goal configuration is known already, the path ends in it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,14 +22,9 @@ from workcell.motion.body import Upright
 from workcell.motion.path import Path
 from workcell.motion.plans.in_scene import plan_in_world
 from workcell.motion.plans.result import PlanSettings
-from workcell.motion.tool_paths.follow import (
-    STEP_BUDGET,
-    FollowLimits,
-    follow,
-    line,
-    local_solver,
-    step_solver,
-)
+from workcell.motion.tool_paths.follow import FollowLimits, follow, line
+from workcell.motion.tool_paths.planners import STEP_BUDGET, steps_of
+from workcell.motion.tool_paths.result import Answered, FollowResult
 from workcell.pose import Array, Pose
 from workcell.world.planning_world import PlanningWorld
 
@@ -51,12 +46,17 @@ class ReachResult:
         ik: the solver's answer about a goal: of a path's own; without a path the most hopeful one, so that it is a
             proof only where every goal is proved out of reach; None when it was not asked.
         failures: why each way failed, in words.
+        followed: the part of the path that was followed step by step, in the direction in which that was done; the rest
+            is a joint motion. None without a path.
+        answered: who answered its configurations, a goal configuration of the path's own among them.
     """
 
     path: Path | None
     how: str
     ik: IKResult | None
     failures: tuple[str, ...]
+    followed: FollowResult | None = None
+    answered: Answered = field(default_factory=Answered)
 
 
 def reach(
@@ -65,6 +65,7 @@ def reach(
     ways: Sequence[Sequence[Pose]],
     *,
     limits: FollowLimits,
+    goal: Array | None = None,
     upright: Upright | None = None,
     solver: str = "ikspark",
     seed: int = 0,
@@ -72,21 +73,24 @@ def reach(
 ) -> ReachResult:
     """A continuous path from `q_start` along one of several lists of tool poses, of which the last is the goal.
 
-    The first that can be followed directly from the start, else the first to which a goal configuration leads.
+    From a given goal configuration outwards; else the first that can be followed directly from the start, else the
+    first to which a goal configuration leads.
 
     Args:
         world: what the planner knows of the scene.
         q_start: (n,) where the robot stands.
         ways: one or more lists of two or more tool poses, from the mouth of the narrow way to the goal.
         limits: what the motion keeps.
+        goal: (n,) a configuration with the tool at the last pose of the first list, in which the path is to end; others
+            are looked for only where no way leads there. None: any.
         upright: keep an axis of the tool within a cone all along, joint motions included; None: it may turn as it
             likes.
-        solver: of every IK problem.
+        solver: of every IK problem: see `workcell.motion.tool_paths.planners.steps_of` for those of the steps.
         seed: same seed, same path.
         tries: goal configurations of one way to try when the direct ways fail.
 
     Raises:
-        InputError: no way; a start that is tilted beyond `upright`.
+        InputError: no way; a goal configuration that has the tool elsewhere; a start that is tilted beyond `upright`.
     """
     if not ways:
         raise InputError(
@@ -94,18 +98,23 @@ def reach(
         )
     queries = [_Query(world, tuple(inward), limits, upright, solver, seed) for inward in ways]
     failures: list[str] = []
+    if goal is not None:
+        found = queries[0].ending_in(goal, q_start)
+        if found.path is not None:
+            return found
+        failures += found.failures
+    for query in queries if goal is None else ():
+        found = query.directly(q_start)
+        if found.path is not None:
+            return replace(found, failures=tuple(failures))
+        failures += found.failures
     answers: list[IKResult] = []
     for query in queries:
-        path, why = query.directly(q_start)
-        if path is not None:
-            return ReachResult(path, "followed from the start", None, tuple(failures))
-        failures.append(f"from the start: {why}")
-    for query in queries:
-        result = query.by_goal_configurations(q_start, tries)
-        failures += result.failures
-        answers += [] if result.ik is None else [result.ik]
-        if result.path is not None:
-            return replace(result, failures=tuple(failures))
+        found = query.by_goal_configurations(q_start, tries)
+        failures += found.failures
+        answers += [] if found.ik is None else [found.ik]
+        if found.path is not None:
+            return replace(found, failures=tuple(failures))
     return ReachResult(None, "not found", _most_hopeful(answers), tuple(failures))
 
 
@@ -125,12 +134,19 @@ class _Query:
     solver: str
     seed: int
 
-    def directly(self, q_start: Array) -> tuple[Path | None, str]:
+    def directly(self, q_start: Array) -> ReachResult:
         """Straight to the mouth of the narrow way and in, within the configurations that begin at the start."""
         poses = (*line(self.world.robot.robot.fk(q_start), self.inward[0]), *self.inward[1:])
         # this way may well end at a joint limit, and there are others: not worth a long search at every step
         limits = replace(self.limits, max_halvings=min(self.limits.max_halvings, _DIRECT_HALVINGS))
-        return self._followed(poses, q_start, limits, _DIRECT_BUDGET)
+        result, why = self._followed(poses, q_start, limits, _DIRECT_BUDGET)
+        if why:
+            return ReachResult(None, "not found", None, (f"from the start: {why}",))
+        return ReachResult(result.path, "followed from the start", None, (), result, result.answered)
+
+    def ending_in(self, q_goal: Array, q_start: Array) -> ReachResult:
+        """By way of a goal configuration that is known already."""
+        return self._by_way_of(q_goal, q_start, self.seed, "the goal configuration")
 
     def by_goal_configurations(self, q_start: Array, tries: int) -> ReachResult:
         """By way of the goal configuration nearest to the start that leads out of the narrow way."""
@@ -148,38 +164,48 @@ class _Query:
         # a transfer with half a turn less is shorter, and gentler to what is in the hand
         goals.sort(key=lambda goal: float(np.abs(goal[0] - q_start).max()))
         for k, (q_goal, ik) in enumerate(goals):
-            path, why = self._by_way_of(q_goal, q_start, self.seed + k)
-            if path is not None:
-                return ReachResult(path, f"by way of goal configuration {k}", ik, tuple(failures))
-            failures.append(f"goal configuration {k}: {why}")
+            found = self._by_way_of(q_goal, q_start, self.seed + k, f"goal configuration {k}")
+            if found.path is not None:
+                answered = found.answered + Answered.of([ik])
+                return replace(found, ik=ik, failures=tuple(failures), answered=answered)
+            failures += found.failures
         return ReachResult(None, "not found", _most_hopeful(answers), tuple(failures))
 
-    def _by_way_of(self, q_goal: Array, q_start: Array, seed: int) -> tuple[Path | None, str]:
+    def _by_way_of(self, q_goal: Array, q_start: Array, seed: int, goal: str) -> ReachResult:
         """Out of the narrow way backwards from one goal configuration, then to the start in joint space."""
         back, why = self._followed(self.inward[::-1], q_goal, self.limits, STEP_BUDGET)
-        if back is None:
-            return None, why
+        if why or back.path is None:
+            return ReachResult(None, "not found", None, (f"{goal}: {why}",))
         settings = PlanSettings(clearance=self.limits.clearance)
         way = plan_in_world(
-            self.world, q_start, back.end, settings=settings, upright=self.upright, seed=seed, turns=False
+            self.world,
+            q_start,
+            back.path.end,
+            settings=settings,
+            upright=self.upright,
+            seed=seed,
+            turns=False,
         )
-        return (None, way.detail) if way.path is None else (way.path + back.reversed(), "")
+        if way.path is None:
+            return ReachResult(None, "not found", None, (f"{goal}: {way.detail}",))
+        path = way.path + back.path.reversed()
+        how = f"by way of {goal}, {len(way.path)} waypoints in joint space before it"
+        return ReachResult(path, how, None, (), back, back.answered)
 
     def _followed(
         self, poses: tuple[Pose, ...], q_start: Array, limits: FollowLimits, budget: Budget
-    ) -> tuple[Path | None, str]:
-        """Fast local steps along tool poses, the solver behind them; the path, or why there is none."""
+    ) -> tuple[FollowResult, str]:
+        """The planner's steps along tool poses, and why they are no way; empty: they are one."""
         problem = self.world.problem(poses[0])
-        rescue = step_solver(self.solver, budget, self.seed)
-        steps = local_solver(problem, limits=limits, rescue=rescue, seed=self.seed)
+        steps = steps_of(self.solver, problem, limits=limits, budget=budget, seed=self.seed)
         result = follow(problem, poses, q_start, limits=limits, solver=steps)
         if result.path is None or not result.followed:
             where = "" if result.failure is None else f" ({result.failure.words})"
-            return None, f"{result.status.sentence}{where}"
+            return result, f"{result.status.sentence}{where}"
         tilt = 0.0 if self.upright is None else self._tilt(result.path, self.upright)
         if self.upright is not None and tilt > self.upright.angle:
-            return None, f"the tool would tilt by {tilt:.3f} rad, and may by {self.upright.angle:.3f}"
-        return result.path, ""
+            return result, f"the tool would tilt by {tilt:.3f} rad, and may by {self.upright.angle:.3f}"
+        return result, ""
 
     def _tilt(self, path: Path, upright: Upright) -> float:
         """The largest tilt of the tool along a path whose waypoints are close."""

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
 from workcell.errors import InputError
+from workcell.ik.registry import is_planned_by
 from workcell.ik.result import IKResult, Status
 from workcell.motion.path import Path, PathMetrics
 from workcell.pose import Pose
@@ -107,6 +111,50 @@ class FollowFailure:
 
 
 @dataclass(frozen=True, slots=True)
+class Answered:
+    """Whose answers a path is made of, and how they were found.
+
+    Attributes:
+        by: how many configurations are each solver's (`IKResult.solver`); local steps are "local"'s.
+        in_cuboids: how many of them were found among free-space cuboids.
+    """
+
+    by: Mapping[str, int] = field(default_factory=dict)
+    in_cuboids: int = 0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "by", MappingProxyType(dict(self.by)))
+
+    @staticmethod
+    def of(results: Iterable[IKResult]) -> Answered:
+        """Of some answers with a configuration."""
+        kept = tuple(results)
+        by = Counter(result.solver for result in kept)
+        return Answered(dict(sorted(by.items())), sum(result.cuboids is not None for result in kept))
+
+    def __add__(self, other: Answered) -> Answered:
+        both = Counter(self.by) + Counter(other.by)
+        return Answered(dict(sorted(both.items())), self.in_cuboids + other.in_cuboids)
+
+    @property
+    def count(self) -> int:
+        """How many configurations."""
+        return sum(self.by.values())
+
+    def by_planner(self, planner: str) -> int:
+        """How many of them are a planner's own."""
+        return sum(count for solver, count in self.by.items() if is_planned_by(planner, solver))
+
+    @property
+    def words(self) -> str:
+        """Who, and how many."""
+        who = ", ".join(
+            f"{count} {'local' if solver == 'local' else f'by {solver}'}" for solver, count in self.by.items()
+        )
+        return f"{who} ({self.in_cuboids} in cuboids)" if self.in_cuboids else who
+
+
+@dataclass(frozen=True, slots=True)
 class FollowResult:
     """What became of a tool path.
 
@@ -116,6 +164,7 @@ class FollowResult:
         failure: where and why it ended early; None when followed.
         metrics: of `path`.
         solved: IK problems solved on the way.
+        answered: who answered the configurations of `path` behind its first.
         tried: where the choice among starts led, in words: one line for each that was not taken.
     """
 
@@ -124,6 +173,7 @@ class FollowResult:
     failure: FollowFailure | None
     metrics: PathMetrics | None
     solved: int
+    answered: Answered = field(default_factory=Answered)
     tried: tuple[str, ...] = ()
 
     @property

@@ -21,9 +21,10 @@ from workcell.ik.problem import IKProblem
 from workcell.ik.registry import plans_alone
 from workcell.motion.tool_paths.convex import ConvexSteps
 from workcell.motion.tool_paths.diagnosis import words_of
-from workcell.motion.tool_paths.follow import check_start, step_solver
+from workcell.motion.tool_paths.follow import check_start
 from workcell.motion.tool_paths.graph import Routes, RouteSearch
 from workcell.motion.tool_paths.last_resort import LastResort
+from workcell.motion.tool_paths.planners import step_solver
 from workcell.motion.tool_paths.poses import PathTolerance, check_tool_path
 from workcell.motion.tool_paths.query import STARTS, RouteQuery
 from workcell.motion.tool_paths.result import FollowLimits, FollowResult, not_begun, without_start

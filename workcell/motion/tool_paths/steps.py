@@ -140,6 +140,10 @@ class Tolerant:
         return result
 
 
+Steps = LocalSolver | Tolerant
+"""What answers the steps of a tool path, and knows the path's tolerance."""
+
+
 def nearby_poses(pose: Pose, tolerance: PathTolerance, angle: float, distance: float) -> list[Pose]:
     """Poses turned and moved from `pose` along each axis with a tolerance, by half and all of it.
 

@@ -7,9 +7,10 @@ simulation watches it, and judges how far it did.
 
 from workcell import FREE, FollowLimits, Job, PathTolerance, PlanningWorld, Pose, Scene, line, turned
 
-LIMITS = FollowLimits(max_step=0.2, clearance=0.002)  # radians between waypoints, metres to keep everywhere
+# Between waypoints: radians of a joint, and of a link what 0.2 rad turn it (Frobenius norm); metres to keep everywhere.
+LIMITS = FollowLimits(max_step=0.2, max_link_rotation=0.28, clearance=0.002)
 TRANSFER = FollowLimits(
-    max_step=0.2, clearance=0.002, deviation_m=0.01, deviation_rad=0.05
+    max_step=0.2, max_link_rotation=0.28, clearance=0.002, deviation_m=0.01, deviation_rad=0.05
 )  # need not be straight
 LEVEL = PathTolerance(
     rotation=(0.0, 0.0, FREE), frame="world"

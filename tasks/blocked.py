@@ -6,7 +6,8 @@ Nothing moves. The recording shows what is in the way (red), and the arm as near
 from workcell import FollowLimits, Job, PlanningWorld, line
 
 OVERSHOOT = 0.03  # metres by which the planner's spheres may exceed the arm
-LIMITS = FollowLimits(max_step=0.2, clearance=0.002)  # radians between waypoints, metres to keep everywhere
+# Between waypoints: radians of a joint, and of a link what 0.2 rad turn it (Frobenius norm); metres to keep everywhere.
+LIMITS = FollowLimits(max_step=0.2, max_link_rotation=0.28, clearance=0.002)
 
 
 def run(job: Job) -> None:

@@ -8,7 +8,8 @@ import numpy as np
 
 from workcell import FREE, FollowLimits, Job, PathTolerance, PlanningWorld, Pose, circle
 
-LIMITS = FollowLimits(max_step=0.2, deviation_m=2e-4, clearance=0.002)
+# Between waypoints: radians of a joint, and of a link what 0.2 rad turn it (Frobenius norm); metres to keep everywhere.
+LIMITS = FollowLimits(max_step=0.2, max_link_rotation=0.28, deviation_m=2e-4, clearance=0.002)
 NORMAL = PathTolerance(rotation=(0.0, 0.0, FREE))  # about the stylus's own axis
 
 

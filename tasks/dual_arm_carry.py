@@ -7,7 +7,8 @@ measures how hard they work against each other.
 
 from workcell import FollowLimits, Job, PlanningWorld, Pose, Scene, Team, line, polyline
 
-LIMITS = FollowLimits(max_step=0.2, clearance=0.002)  # radians between waypoints, metres to keep everywhere
+# Between waypoints: radians of a joint, and of a link what 0.2 rad turn it (Frobenius norm); metres to keep everywhere.
+LIMITS = FollowLimits(max_step=0.2, max_link_rotation=0.28, clearance=0.002)
 SPACING = 0.01  # metres of the crate's path between waypoints
 
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from workcell import FREE, FollowLimits, Job, Path, PathTolerance, PlanningWorld, Pose, carried, line, through
 
-LIMITS = FollowLimits(max_step=0.2, deviation_m=1e-3, clearance=0.003)
+# Between waypoints: radians of a joint, and of a link what 0.2 rad turn it (Frobenius norm); metres to keep everywhere.
+LIMITS = FollowLimits(max_step=0.2, max_link_rotation=0.28, deviation_m=1e-3, clearance=0.003)
 UPRIGHT = PathTolerance(rotation=(0.0, 0.0, FREE), frame="world")  # it may turn about the vertical alone
 
 

@@ -7,7 +7,8 @@ one out of it with the mug in the hand. Then the plan is executed in MuJoCo, and
 from workcell import FollowLimits, Job, PlanningWorld, line
 
 OVERSHOOT = 0.03  # metres by which the planner's spheres may exceed the arm and the mug
-LIMITS = FollowLimits(max_step=0.2, clearance=0.002)  # radians between waypoints, metres to keep everywhere
+# Between waypoints: radians of a joint, and of a link what 0.2 rad turn it (Frobenius norm); metres to keep everywhere.
+LIMITS = FollowLimits(max_step=0.2, max_link_rotation=0.28, clearance=0.002)
 
 
 def run(job: Job) -> None:

@@ -206,6 +206,16 @@ SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
             couples=False,
             plans=True,
         ),
+        "cidgik+planes": SolverEntry(
+            help="with planes that touch the obstacles instead of spheres that cover them",
+            run="workcell.ik.cidgik.solver:solve_cidgik",
+            prepare="workcell.ik.shared.convex:prepare",
+            options={"tangent": True},
+            goals=ALL_GOALS,
+            slides=False,
+            couples=False,
+            within="cidgik",
+        ),
         "cidgik+lm": SolverEntry(
             help="with local descent besides",
             run="workcell.ik.cidgik.solver:solve_cidgik",

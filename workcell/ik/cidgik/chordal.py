@@ -7,7 +7,6 @@ row lies inside a block, and blocks of rank d that agree belong to one configura
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -210,13 +209,23 @@ class ChordalKeeper:
             mine = np.flatnonzero(home == index)
             if len(mine):
                 points = part.structure.reduction.points(links[mine], local[mine])
-                own = replace(rules, radius=rules.radius[mine])
+                own = rules.of_points(mine)
                 self._keepers.append((index, Keeper(part, points, own, base)))
 
     @property
     def passing(self) -> bool:
         """Whether rows are loaded that not every solution keeps."""
         return any(keeper.passing for _, keeper in self._keepers)
+
+    @property
+    def conservative(self) -> bool:
+        """Whether rows are loaded for spheres that cover solids."""
+        return any(keeper.conservative for _, keeper in self._keepers)
+
+    @property
+    def left_out(self) -> int:
+        """How many pairs of point and solid are not kept apart."""
+        return sum(keeper.left_out for _, keeper in self._keepers)
 
     def forget_passing(self) -> None:
         """At a restart: planes chosen before are forgotten."""

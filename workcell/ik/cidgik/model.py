@@ -17,11 +17,12 @@ from workcell.ik.cidgik.instance import Instance
 from workcell.ik.cidgik.rank import Relaxed
 from workcell.ik.cidgik.search import Kept
 from workcell.ik.cidgik.skeleton import Skeleton
+from workcell.ik.cidgik.solids import Solids
 from workcell.ik.cidgik.structure import Structure
 from workcell.ik.cidgik.workspace import Keeper, Rules
 from workcell.ik.problem import IKProblem
 from workcell.ik.shared.limits import Interval
-from workcell.ik.trees.query import Balls, Goal
+from workcell.ik.trees.query import Balls, Goal, Plane
 from workcell.model.robot import Robot
 from workcell.pose import Array
 
@@ -109,11 +110,15 @@ def _problem_key(problem: IKProblem) -> StructureKey:
     return structure_key(problem.robot, goals, points, fixed)
 
 
-def relaxation_at(problem: IKProblem) -> tuple[Instance, Keeper | None]:
+def relaxation_at(problem: IKProblem, tangent: bool = False) -> tuple[Instance, Keeper | None]:
     """The relaxation of a problem in one block, and the workspace over it.
 
-    The workspace holds the cover's spheres against the obstacles, spheres as such, other solids by planes; it
-    is None without a cover or obstacles.
+    The workspace holds the cover's spheres against the obstacles: spheres and half-spaces as such, other solids by the
+    spheres that cover them; it is None without a cover or obstacles.
+
+    Args:
+        problem: whose relaxation.
+        tangent: solids by planes that touch them instead.
 
     Raises:
         InputError: a robot that points and distances can't describe.
@@ -121,24 +126,24 @@ def relaxation_at(problem: IKProblem) -> tuple[Instance, Keeper | None]:
     interval = Interval.of(problem)
     goals = (goal_of(problem),)
     instance = Instance(structure_of(_problem_key(problem)), goals, interval.middle, interval.half)
-    rules, cover = _rules(problem), problem.cover
+    rules, cover = _rules(problem, tangent), problem.cover
     if rules is None or cover is None:
         return instance, None
     return instance, Keeper(instance, instance.structure.points, rules, problem.robot.T_world_base)
 
 
-def fastest_relaxation_at(problem: IKProblem) -> tuple[Skeleton, Relaxed, Kept | None]:
-    """The skeleton, and the relaxation and workspace in one block or, for long chains, in many; raises likewise."""
+def fastest_relaxation_at(problem: IKProblem, tangent: bool = False) -> tuple[Skeleton, Relaxed, Kept | None]:
+    """The skeleton, and the relaxation and workspace in one block or, for long chains, in many; as `relaxation_at`."""
     chordal = None
     if problem.self_collision is None:
         chordal = chordal_structure_of(_problem_key(problem))
     if chordal is None:
-        instance, keeper = relaxation_at(problem)
+        instance, keeper = relaxation_at(problem, tangent)
         return instance.structure.skeleton, instance, keeper
     interval = Interval.of(problem)
     goals = (goal_of(problem),)
     parts = ChordalInstance(chordal, goals, interval.middle, interval.half)
-    rules, cover = _rules(problem), problem.cover
+    rules, cover = _rules(problem, tangent), problem.cover
     if rules is None or cover is None:
         return chordal.skeleton, parts, None
     kept = ChordalKeeper(parts, cover.link, cover.centre, rules, problem.robot.T_world_base)
@@ -155,35 +160,63 @@ def goal_of(problem: IKProblem) -> Goal:
     return Goal.posed(tool, target)
 
 
-def _rules(problem: IKProblem) -> Rules | None:
-    if not _collides(problem) or problem.cover is None:
+def _rules(problem: IKProblem, tangent: bool) -> Rules | None:
+    cover = problem.cover
+    if not _collides(problem) or cover is None:
         return None
-    balls, solids = sorted_obstacles(problem)
+    found, margin = sorted_obstacles(problem), problem.tolerances.safety_margin
     pairs = () if problem.self_collision is None else problem.self_collision.tolist()
+    start = None
+    if problem.max_step is not None and problem.q_reference is not None:
+        start = cover.centres_world(problem.robot.link_transforms(problem.q_reference))
     return Rules(
-        problem.cover.radius,
-        balls,
+        cover.radius,
+        found.balls,
         Balls.none(),
+        planes=tuple(Plane(normal, offset + margin) for normal, offset in found.sides),
         apart=tuple((int(i), int(j)) for i, j in pairs),
-        pieces=solids,
-        margin=problem.tolerances.safety_margin,
+        solids=found.solids,
+        tangent=tangent,
+        start=start,
+        margin=margin,
     )
 
 
-def sorted_obstacles(problem: IKProblem) -> tuple[Balls, tuple[Piece, ...]]:
-    """The spheres among the obstacles, and the other solids; remembered."""
+@dataclass(frozen=True, slots=True)
+class SortedObstacles:
+    """Obstacles by how CIDGIK keeps out of them.
+
+    Attributes:
+        balls: the spheres.
+        sides: normal (3,) and offset of each half-space, which is outside where `normal . x >= offset` (Eq. 7).
+        solids: all others, or None.
+    """
+
+    balls: Balls
+    sides: tuple[tuple[Array, float], ...]
+    solids: Solids | None
+
+
+def sorted_obstacles(problem: IKProblem) -> SortedObstacles:
+    """The obstacles of a problem, sorted; remembered."""
     obstacles = problem.obstacles
     if not isinstance(obstacles, tuple):
         return _sorted(obstacles)  # a list may change between two calls
-    found: tuple[Balls, tuple[Piece, ...]] = _obstacles.get((obstacles,), lambda: _sorted(obstacles))
+    found: SortedObstacles = _obstacles.get((obstacles,), lambda: _sorted(obstacles))
     return found
 
 
-def _sorted(obstacles: Sequence[Piece]) -> tuple[Balls, tuple[Piece, ...]]:
+def _sorted(obstacles: Sequence[Piece]) -> SortedObstacles:
     spheres = [piece for piece in obstacles if piece.kind == "sphere"]
     centres = np.array([piece.pose.position for piece in spheres]).reshape(-1, 3)
+    sides = []
+    for piece in obstacles:
+        if piece.kind == "halfspace":
+            normal = piece.pose.rotation[:, 2]
+            sides.append((normal, float(normal @ piece.pose.position)))
+    solids = tuple(piece for piece in obstacles if piece.kind not in ("sphere", "halfspace"))
     balls = Balls(centres, np.array([piece.size[0] for piece in spheres]))
-    return balls, tuple(piece for piece in obstacles if piece.kind != "sphere")
+    return SortedObstacles(balls, tuple(sides), Solids(solids) if solids else None)
 
 
 def _collides(problem: IKProblem) -> bool:

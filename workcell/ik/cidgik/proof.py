@@ -66,7 +66,7 @@ def proof_of(instance: Instance, keeper: Keeper | None, z: Array) -> Proof | Non
     keys: list[Key] = []
     rows = []
     for key, value in zip([] if keeper is None else keeper.loaded, slots, strict=True):
-        if key is None:
+        if key is None or key[0] not in KINDS:
             return None
         if value > 0:
             keys.append(key)

@@ -27,6 +27,9 @@ PROGRAMS_A_SECOND = 300
 PROVE_AFTER = 3
 """Restarts after which, once, the relaxation is asked whether it is empty with every sphere that it breaks."""
 
+COUNTS = ("sdps", "restarts", "low_rank", "rows")
+"""Of the numbers about a search's work those that add up over several."""
+
 
 @dataclass(frozen=True, slots=True)
 class Finished:
@@ -61,6 +64,16 @@ class Kept(Protocol):
         """Whether rows are loaded that not every solution keeps."""
         ...
 
+    @property
+    def conservative(self) -> bool:
+        """Whether rows are loaded for spheres that cover solids: the solids themselves may allow more."""
+        ...
+
+    @property
+    def left_out(self) -> int:
+        """How many pairs of point and solid are not kept apart."""
+        ...
+
     def forget_passing(self) -> None:
         """At a restart."""
         ...
@@ -86,6 +99,7 @@ class Search:
         most: cone programs after which to stop.
         rng: of the objectives.
         near: (n,) a configuration to begin next to, or None.
+        patience: cone programs after which to stop where solids are kept out of by other rules than their own.
         local: also descend from iterates that are not of low rank.
     """
 
@@ -99,6 +113,7 @@ class Search:
     rng: np.random.Generator
     near: Array | None = None
     local: bool = False
+    patience: float = np.inf
     restarts: int = 0
     low_rank: int = 0
     rows: int = 0
@@ -133,6 +148,8 @@ class Search:
             q = self._attempt(self._objective())
             if q is not None:
                 return q
+            if self._without_hope():
+                return None
             empty = self.last.Z is None and not (self.keeper is not None and self.keeper.passing)
             if empty and self._prove(self.last):
                 return None
@@ -144,6 +161,16 @@ class Search:
         if failures == MOST_FAILURES and self.last.ray is None:
             self.error = "Clarabel found neither a point of the relaxation nor a proof that it is empty"
         return None
+
+    def _without_hope(self) -> bool:
+        """Whether spheres that cover solids leave nothing, or have been tried for long enough: that proves nothing."""
+        if self.keeper is None:
+            return False
+        if self.keeper.conservative and self.last.ray is not None:
+            self.note("the spheres that cover the obstacles leave no configuration")
+            return True
+        doubtful = self.keeper.conservative or self.keeper.left_out > 0
+        return doubtful and self.instance.solves >= self.patience
 
     def _objective(self) -> Blocks:
         """First toward the configuration to stay near, or the nuclear norm (C = I); then random."""
@@ -169,14 +196,25 @@ class Search:
             Z, next_objective = self.last.Z, self.last.C
             if Z is None or next_objective is None or not self.last.low_rank:
                 return None
-            added = 0 if self.keeper is None else self.keeper.add_broken(Z)
+            added = self._add_broken(Z)
             if not added:
                 self.low_rank += 1
                 return self._accepted(self.finisher.finish(self._angles(Z)))
-            self.rows += added
-            self.stages.add("rows", note=f"{added} added for what points break")
             C = next_objective
         return None
+
+    def _add_broken(self, Z: Blocks) -> int:
+        """Rows for what the points of Z break; how many."""
+        if self.keeper is None:
+            return 0
+        known, added = self.keeper.left_out, self.keeper.add_broken(Z)
+        if self.keeper.left_out > known:
+            note = f"{self.keeper.left_out} pairs of sphere and obstacle overlap where the step begins: not kept apart"
+            self.stages.add("rows", note=note)
+        if added:
+            self.rows += added
+            self.stages.add("rows", note=f"{added} added for what points break")
+        return added
 
     def _angles(self, Z: Blocks) -> Array:
         return joint_angles(self.skeleton, self.instance.directions(Z))

@@ -31,22 +31,38 @@ from workcell.ik.cidgik.finish import polish_query
 from workcell.ik.cidgik.model import fastest_relaxation_at, goal_of, relaxation_at, sorted_obstacles
 from workcell.ik.cidgik.proof import Proof
 from workcell.ik.cidgik.recover import nearest_turn
-from workcell.ik.cidgik.search import PROGRAMS_A_SECOND, Finished, Search, prove_empty
+from workcell.ik.cidgik.search import COUNTS, PROGRAMS_A_SECOND, Finished, Search, prove_empty
 from workcell.ik.elementary.bounds import prove_impossible
+from workcell.ik.elementary.screen import may_be_impossible
 from workcell.ik.judge.verify import Verifier
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import Candidate
 from workcell.ik.shared.convex import LOCAL_DAMPING, LOCAL_STEPS
 from workcell.ik.shared.limits import Interval
 from workcell.ik.shared.polish import polish
+from workcell.ik.stages import SolverStage
 from workcell.ik.trees.query import Query
 from workcell.pose import Array
 
+SPHERES_FIRST = 60
+"""Cone programs after which spheres that cover solids, and have not led to an answer, give way to planes."""
+_GIVEN_UP = SolverStage(
+    "planes", 0.0, note="the spheres that cover the obstacles give way to planes that touch them"
+)
+PLANES = "cidgik+planes"
+"""The part of the solver that parts the robot's spheres from solids by planes that touch these."""
 
-def solve_cidgik(problem: IKProblem, budget: Budget, seed: int = 0, *, local: bool = False) -> Candidate:
+
+def solve_cidgik(
+    problem: IKProblem, budget: Budget, seed: int = 0, *, local: bool = False, tangent: bool = False
+) -> Candidate:
     """Look for a configuration, or for a proof that there is none, until the budget is spent.
 
     `max_step` narrows the joint limits; `max_link_rotation` is left to the judge.
+
+    Obstacles that are no spheres are spheres first: those that cover them. Where these leave nothing, or have not
+    answered after `SPHERES_FIRST` cone programs, the search begins again with planes that touch the obstacles, and what
+    it finds is the answer of `PLANES`.
 
     Args:
         problem: a serial chain of revolute joints; with `q_reference` the search begins next to it.
@@ -54,6 +70,7 @@ def solve_cidgik(problem: IKProblem, budget: Budget, seed: int = 0, *, local: bo
         seed: of the random objectives.
         local: also run Levenberg-Marquardt from the angles read at every iterate (`cidgik+lm`). Without it an
             answer is read from a point whose excess rank is below 1e-5, and polish moved it by 1e-2 rad or less.
+        tangent: begin with planes.
 
     Raises:
         InputError: a prismatic joint, axes that are all parallel, two joints about one axis, or an obstacle around
@@ -66,31 +83,76 @@ def solve_cidgik(problem: IKProblem, budget: Budget, seed: int = 0, *, local: bo
     refuse_buried_base(problem)
     if clock.cpu_seconds() >= deadline:
         return Candidate()
-    skeleton, instance, keeper = fastest_relaxation_at(problem)
-    try:
-        # the elementary bounds are about whole poses
-        certificate = prove_impossible(problem) if problem.goal == "pose" else None
-        if certificate is not None:
-            return Candidate(certificate=certificate)
-        judge = _Judge(problem, interval)
-        search = Search(
-            skeleton,
-            instance,
-            keeper,
-            judge,
-            lambda: relaxation_at(problem),
-            deadline,
-            budget.work(PROGRAMS_A_SECOND),
-            np.random.default_rng(seed),
-            problem.q_reference,
-            local,
+    # the elementary bounds are about whole poses
+    certificate = prove_impossible(problem) if problem.goal == "pose" and may_be_impossible(problem) else None
+    if certificate is not None and not _worth_a_search(problem, certificate):
+        return Candidate(certificate=certificate)
+    run = _Run(problem, _Judge(problem, interval), deadline, budget.work(PROGRAMS_A_SECOND), seed, local)
+    found = run.search(np.inf, tangent=True) if tangent else run.search(SPHERES_FIRST)
+    if run.undecided(found):
+        run.found = replace(found, stages=(*found.stages, _GIVEN_UP))
+        found = run.search(np.inf, tangent=True)
+    if found.q is None and found.certificate is None and certificate is not None:
+        return replace(found, certificate=certificate)
+    return found
+
+
+def _worth_a_search(problem: IKProblem, certificate: Certificate) -> bool:
+    """Whether the certificate is about the robot's spheres alone, and somebody knows better."""
+    return certificate.scope == "model" and problem.checker is not None
+
+
+@dataclass(slots=True)
+class _Run:
+    """The searches for one problem."""
+
+    problem: IKProblem
+    judge: _Judge
+    deadline: float
+    most: float
+    seed: int
+    local: bool
+    doubtful: bool = False
+    found: Candidate = field(default_factory=Candidate)
+
+    def search(self, patience: float, tangent: bool = False) -> Candidate:
+        """What a search finds, with the work of those before it."""
+        problem, before = self.problem, self.found
+        skeleton, instance, keeper = fastest_relaxation_at(problem, tangent)
+        try:
+            search = Search(
+                skeleton,
+                instance,
+                keeper,
+                self.judge,
+                lambda: relaxation_at(problem),
+                self.deadline,
+                self.most - before.stats.get("sdps", 0.0),
+                np.random.default_rng(self.seed),
+                problem.q_reference,
+                self.local,
+                patience,
+            )
+            q = search.run()
+        finally:
+            instance.release()
+        self.doubtful = keeper is not None and (keeper.conservative or keeper.left_out > 0)
+        reasons = [reason for reason in search.rejected if reason not in before.rejected]
+        self.found = Candidate(
+            q,
+            self.judge.certificate,
+            {**search.stats, **{key: search.stats[key] + before.stats.get(key, 0.0) for key in COUNTS}},
+            (*before.rejected, *reasons),
+            search.error,
+            (*before.stages, *search.stages.stages),
+            by=PLANES if tangent and q is not None and not self.local else "",
         )
-        q = search.run()
-        return Candidate(
-            q, judge.certificate, search.stats, tuple(search.rejected), search.error, search.stages.stages
-        )
-    finally:
-        instance.release()
+        return self.found
+
+    def undecided(self, found: Candidate) -> bool:
+        """Whether spheres that cover solids have had a say in that nothing was found, and work may be left."""
+        nothing = found.q is None and found.certificate is None
+        return nothing and self.doubtful and clock.cpu_seconds() < self.deadline
 
 
 def prove_cidgik(problem: IKProblem) -> Certificate | None:
@@ -105,7 +167,7 @@ def prove_cidgik(problem: IKProblem) -> Certificate | None:
 
 def refuse_buried_base(problem: IKProblem) -> None:
     """Raise InputError for a sphere that the first joint's origin, fixed to the base, lies in."""
-    balls, _ = sorted_obstacles(problem)
+    balls = sorted_obstacles(problem).balls
     if problem.cover is None or not len(balls):
         return
     anchor = problem.robot.T_world_base.apply(problem.robot.joint_xyz[0])

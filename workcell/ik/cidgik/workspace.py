@@ -1,22 +1,23 @@
 """The workspace as rows on Z, added lazily: only what the points found so far break.
 
 |y - c|^2 >= l^2 for a point y and a sphere's centre c is linear in Z (Eq. 6), so it holds for every solution: such rows
-are kept once they were needed. Obstacles that are not spheres are parted from the point by a plane that touches them
-where they are nearest; that is one choice of side among several, and is forgotten at the next restart.
+are kept once they were needed. Obstacles that are not spheres are covered by spheres, and kept out of like these;
+`cidgik+planes` parts them from the point by a plane that touches them where they are nearest, which is one choice of
+side among several, and is forgotten at the next restart.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from workcell.geometry.obstacle_arrays import ObstacleArrays
-from workcell.geometry.types import Piece
 from workcell.ik.cidgik.instance import Instance
 from workcell.ik.cidgik.reduction import Vectors
 from workcell.ik.cidgik.rows import products
+from workcell.ik.cidgik.solids import Solids, SolidSpheres
 from workcell.ik.shared.convex import KEEP_OFF
 from workcell.ik.trees.query import Balls, Plane
 from workcell.pose import Array, Pose
@@ -25,10 +26,11 @@ MOST_ROWS = 192
 """Rows that one cone program may carry; the latest are kept."""
 _MOVES = 1e-9
 
-Kind = Literal["ball", "inside", "apart", "plane"]
+Kind = Literal["ball", "inside", "apart", "plane", "cover"]
 KINDS: tuple[Kind, ...] = ("ball", "inside", "apart", "plane")
+"""Of the rows that every solution keeps: the balls of a solid's cover are larger than the solid."""
 Key = tuple[Kind, int, int]
-"""A lasting row: point i and obstacle, containing sphere or plane j, or points i and j apart."""
+"""A lasting row: point i and obstacle, containing sphere, plane or covering ball j, or points i and j apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +40,9 @@ class Rules:
     Attributes:
         radius: (m,) of the spheres around the points.
         obstacles, inside, planes, apart: as there.
-        pieces: solids of any kind to keep out of.
+        solids: to keep out of, None: there are none.
+        tangent: whether solids are parted from points by planes that touch them, not by the spheres that cover them.
+        start: (m, 3) where the points are at the configuration that a step begins from; None: it is no step.
         margin: metres to keep from obstacles and between points.
     """
 
@@ -47,8 +51,15 @@ class Rules:
     inside: Balls
     planes: tuple[Plane, ...] = ()
     apart: tuple[tuple[int, int], ...] = ()
-    pieces: tuple[Piece, ...] = ()
+    solids: Solids | None = None
+    tangent: bool = False
+    start: Array | None = None
     margin: float = 0.0
+
+    def of_points(self, mine: NDArray[np.int64]) -> Rules:
+        """The same for some of the points."""
+        start = None if self.start is None else self.start[mine]
+        return replace(self, radius=self.radius[mine], start=start)
 
 
 class Keeper:
@@ -70,8 +81,13 @@ class Keeper:
         self._planes = [
             plane_in_base(plane, base, instance.structure.skeleton.plane) for plane in rules.planes
         ]
-        self._pieces = ObstacleArrays(rules.pieces) if rules.pieces else None
         self._needed: Array = rules.obstacles.radius + rules.radius[:, None] + rules.margin
+        self._off = np.where(self._movable, rules.radius + rules.margin, -np.inf)
+        self.covered = (
+            None
+            if rules.solids is None or rules.tangent
+            else SolidSpheres(rules.solids, self._off, rules.start)
+        )
         self._lasting: dict[Key, Array] = {}
         self._passing: list[Array] = []
         self.loaded: list[Key | None] = []
@@ -86,6 +102,16 @@ class Keeper:
     def passing(self) -> bool:
         """Whether rows are loaded that not every solution keeps."""
         return bool(self._passing)
+
+    @property
+    def conservative(self) -> bool:
+        """Whether rows are loaded for spheres that cover solids: the solids themselves may allow more."""
+        return self.covered is not None and bool(self.covered.centre)
+
+    @property
+    def left_out(self) -> int:
+        """How many pairs of point and solid are not kept apart, because they overlap where the step begins."""
+        return 0 if self.covered is None else len(self.covered.left_out)
 
     def knows(self, keys: Array) -> bool:
         """Whether (k, 3) coded keys (kind, i, j) name rows of these rules."""
@@ -133,7 +159,7 @@ class Keeper:
             # a row that is broken again moves to the end, where it is not the first to be left out
             row = self._lasting.pop(key) if key in self._lasting else self.row(key)
             self._lasting[key] = row
-        planes = self._part_pieces(y)
+        planes = self._touching(y)
         self._passing += planes
         if broken or planes:
             self._load()
@@ -177,6 +203,11 @@ class Keeper:
         kind, i, j = key
         d, radius = self._centres.shape[1], self._rules.radius
         difference = self.points[i].copy()
+        if kind == "cover":
+            assert self.covered is not None  # it has numbered the ball
+            difference[-d:] -= self._seen(self.covered.centre[j])
+            least = self.covered.radius[j] + self._off[i] + spare
+            return products(difference, difference), -float(least**2), (difference, difference)
         if kind == "apart":
             difference -= self.points[j]
             least = radius[i] + radius[j] + self._rules.margin + spare
@@ -197,6 +228,8 @@ class Keeper:
     def _broken(self, y: Array) -> list[Key]:
         rules, keys = self._rules, []
         keys += _worst("ball", self._squares(y, self._centres) - self._needed**2)
+        if self.covered is not None:
+            keys += [("cover", i, j) for i, j in self.covered.met(self._placed(y))]
         if len(self._inside):
             room = np.maximum(rules.inside.radius - rules.radius[:, None], 0.0)
             keys += _worst("inside", room**2 - self._squares(y, self._inside, -np.inf))
@@ -218,21 +251,26 @@ class Keeper:
         squares[~self._movable] = fixed
         return squares
 
-    def _part_pieces(self, y: Array) -> list[Array]:
-        """Rows of half-spaces that part the deepest point inside each piece from it."""
-        if self._pieces is None:
+    def _placed(self, y: Array) -> Array:
+        """Points (m, 3) of the base frame in the world."""
+        placed: Array = y @ self._base.rotation.T + self._base.position
+        return placed
+
+    def _touching(self, y: Array) -> list[Array]:
+        """Rows of half-spaces that part the deepest point inside each solid from it, where these are asked for."""
+        rules, rows = self._rules, []
+        if rules.solids is None or not rules.tangent:
             return []
-        R = self._base.rotation
-        distance, gradient = self._pieces.distances_and_gradients(y @ R.T + self._base.position)
-        gap = distance - self._rules.radius[:, None] - self._rules.margin
-        gap[~self._movable] = np.inf
-        rows = []
-        for _, i, j in _worst("ball", gap):
-            normal = R.T @ gradient[i, j]
+        pairs, distances, gradients = rules.solids.near(self._placed(y), self._off)
+        gaps = distances - self._off[pairs[:, 0]]
+        for k in np.unique(pairs[:, 1]):
+            mine = np.flatnonzero(pairs[:, 1] == k)
+            deepest = mine[int(gaps[mine].argmin())]
+            i, normal = int(pairs[deepest, 0]), gradients[deepest] @ self._base.rotation
             constant = np.zeros(self.points.shape[1])
             constant[-3:] = normal
             row = self._instance.rows_of(self.points[i][None], constant[None])[0]
-            row[-1] -= float(normal @ y[i] - gap[i, j]) + KEEP_OFF
+            row[-1] -= float(normal @ y[i] - gaps[deepest]) + KEEP_OFF
             rows.append(row)
         return rows
 

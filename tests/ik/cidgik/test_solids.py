@@ -1,0 +1,172 @@
+"""CIDGIK among boxes and the like: rows for spheres that cover them, where these are broken; planes by name."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import cvxpy as cp
+import numpy as np
+import pytest
+
+from tests.ik.arms import beads, box
+from tests.ik.lifted_arms import seven_axis
+from workcell.geometry.types import Piece
+from workcell.ik.cidgik.instance import Instance
+from workcell.ik.cidgik.model import relaxation_at
+from workcell.ik.cidgik.plain import relaxation
+from workcell.ik.cidgik.solids import OVERSHOOT
+from workcell.ik.cidgik.solver import solve_cidgik
+from workcell.ik.cidgik.workspace import Keeper
+from workcell.ik.judge.exact import ExactDistances, ExactKinematics, smallest_clearance
+from workcell.ik.problem import Budget, Clearance, IKProblem
+from workcell.ik.registry import is_planned_by
+from workcell.ik.result import Status
+from workcell.ik.solve import solve
+from workcell.ik.trees.query import Goal, Query
+from workcell.pose import Pose
+
+ROBOT = seven_axis()
+COVER = beads(ROBOT, 0.05)
+Q = np.array([0.3, 0.6, -0.2, 1.0, 0.4, 0.8, 0.5])
+MOVABLE = 6
+"""A sphere that neither the base nor the goal fixes."""
+
+
+def clearance(problem: IKProblem, q: np.ndarray) -> float:
+    assert problem.cover is not None
+    rotation, position = ExactKinematics(problem.robot).links(q)
+    return smallest_clearance(problem.cover, rotation, position, ExactDistances(problem.obstacles))[0]
+
+
+def centre_of(sphere: int) -> np.ndarray:
+    return COVER.centres_world(ROBOT.link_transforms(Q))[sphere]
+
+
+def place(x: float, y: float, z: float) -> Pose:
+    """Beside a sphere of the arm at Q."""
+    return Pose.from_xyz(centre_of(MOVABLE) + np.array([x, y, z]))
+
+
+def beside(gap: float, kind: str = "box") -> Piece:
+    """A solid under a sphere of the arm at Q, `gap` metres from it."""
+    below = centre_of(MOVABLE) - [0.0, 0.0, 0.05 + gap]
+    if kind == "halfspace":
+        return Piece("floor", "halfspace", Pose.from_xyz(below), np.zeros(0))
+    return box("board", tuple(below - [0.0, 0.0, 0.02]), (0.06, 0.06, 0.02))
+
+
+def at(q: np.ndarray, problem: IKProblem) -> tuple[Instance, Keeper, np.ndarray]:
+    """The relaxation of a problem, its workspace, and the point of it that is a configuration."""
+    instance, keeper = relaxation_at(problem)
+    assert keeper is not None
+    X = instance.structure.reduction.basis_at(q)
+    columns = np.vstack([X, np.eye(3)])[instance.structure.keep]
+    return instance, keeper, columns @ columns.T
+
+
+def loaded(keeper: Keeper) -> list[tuple[int, int]]:
+    return [(key[1], key[2]) for key in keeper.loaded if key is not None and key[0] == "cover"]
+
+
+def test_rows_are_those_of_the_balls_that_are_broken() -> None:
+    problem = IKProblem(ROBOT, ROBOT.fk(Q), (beside(-0.02),), COVER)
+    _, keeper, Z = at(Q, problem)
+    assert keeper.add_broken(Z) == len(loaded(keeper)) > 0
+    assert MOVABLE in [i for i, _ in loaded(keeper)]
+    assert keeper.covered is not None and keeper.conservative
+    centres = COVER.centres_world(ROBOT.link_transforms(Q))
+    for i, j in loaded(keeper):
+        packed, constant, (vector, _) = keeper.inequality(("cover", i, j), 0.0)
+        ball, radius = keeper.covered.centre[j], keeper.covered.radius[j]
+        squared = float(np.sum((centres[i] - ball) ** 2))
+        assert vector @ Z @ vector == pytest.approx(squared, abs=1e-9)
+        assert constant == pytest.approx(-((radius + COVER.radius[i]) ** 2))
+        assert squared < (radius + COVER.radius[i]) ** 2
+        assert ExactDistances(problem.obstacles)(ball[None])[0].min() + radius <= OVERSHOOT
+        assert len(packed)
+
+
+def test_what_is_clear_of_the_cover_needs_no_rows() -> None:
+    problem = IKProblem(ROBOT, ROBOT.fk(Q), (beside(2 * OVERSHOOT),), COVER)
+    _, keeper, Z = at(Q, problem)
+    assert keeper.add_broken(Z) == 0 and not keeper.conservative
+
+
+def test_half_spaces_are_planes_that_every_solution_keeps() -> None:
+    problem = IKProblem(ROBOT, ROBOT.fk(Q), (beside(-0.01, "halfspace"),), COVER)
+    _, keeper, Z = at(Q, problem)
+    assert keeper.add_broken(Z) > 0
+    assert {key[0] for key in keeper.loaded if key is not None} == {"plane"}
+    assert not keeper.passing and not keeper.conservative
+
+
+def test_the_plain_model_agrees_on_how_near_a_ball_comes() -> None:
+    """The least distance to a ball's centre, with its row, is that of the model in which nothing is reduced."""
+    problem = IKProblem(ROBOT, ROBOT.fk(Q), (beside(-0.02),), COVER)
+    instance, keeper, Z = at(Q, problem)
+    keeper.add_broken(Z)
+    i, j = next(pair for pair in loaded(keeper) if pair[0] == MOVABLE)
+    packed, constant, _ = keeper.inequality(("cover", i, j), 0.0)
+    instance.set_slots(instance.reduced(packed[None], np.array([constant])))
+    vector = keeper.inequality(("cover", i, j), 0.0)[2][0]
+    Z = instance.matrix(instance.solve(np.outer(vector, vector)).x)
+    plain, model = relaxation(Query(ROBOT, (Goal.posed("tool", ROBOT.fk(Q)),)))
+    assert keeper.covered is not None
+    ball = model.constant(ROBOT.T_world_base.inverse().apply(keeper.covered.centre[j]))
+    squared = model.squared_distance(model.point(int(COVER.link[i]), COVER.centre[i]), ball)
+    row = squared >= float((keeper.covered.radius[j] + COVER.radius[i]) ** 2)
+    oracle = cp.Problem(cp.Minimize(squared), [*plain.constraints, row])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # without an interior it may end a little early
+        oracle.solve(solver="CLARABEL")
+    assert vector @ Z @ vector == pytest.approx(oracle.value, abs=1e-4)
+
+
+@pytest.mark.parametrize("kind", ["box", "cylinder", "capsule", "ellipsoid"])
+def test_answers_are_clear_of_the_solids_themselves(kind: str) -> None:
+    size = {"box": [0.05, 0.06, 0.04], "ellipsoid": [0.05, 0.06, 0.04]}.get(kind, [0.04, 0.05])
+    solid = Piece("solid", kind, place(0.0, 0.03, -0.07), np.array(size))
+    pieces = (solid, replace(solid, name="other", pose=place(0.15, 0.1, 0.1)))
+    problem = IKProblem(ROBOT, ROBOT.fk(Q), pieces, COVER)
+    assert clearance(problem, Q) < 0
+    result = solve(problem, "cidgik", Budget(10.0, effort=1.0))
+    assert result.status is Status.SOLVED and result.solver == "cidgik" and result.q is not None
+    assert clearance(problem, result.q) >= 0
+
+
+def test_planes_answer_under_their_own_name() -> None:
+    problem = IKProblem(ROBOT, ROBOT.fk(Q), (beside(-0.02),), COVER)
+    result = solve(problem, "cidgik+planes", Budget(10.0, effort=1.0))
+    assert result.solved and result.solver == "cidgik+planes" and is_planned_by("cidgik", result.solver)
+    assert result.q is not None and clearance(problem, result.q) >= 0
+
+
+def test_planes_follow_where_spheres_leave_nothing() -> None:
+    """The step ends a hair from a board: the board is not in the way, but the spheres that cover it are."""
+    begun = Q + 0.0099 * np.array([1.0, -1, 1, -1, 1, 1, -1])
+    problem = IKProblem(
+        ROBOT, ROBOT.fk(Q), (beside(0.3 * OVERSHOOT),), COVER, q_reference=begun, max_step=0.01
+    )
+    assert clearance(problem, begun) > OVERSHOOT
+    result = solve(problem, "cidgik", Budget(10.0, effort=1.0))
+    assert result.solved and result.solver == "cidgik+planes"
+    assert any("give way to planes" in stage.note for stage in result.stages)
+    assert "the spheres that cover the obstacles leave no configuration" in result.rejected
+
+
+def test_what_overlaps_where_a_step_begins_is_left_to_the_judge() -> None:
+    """The checker allows the contact; the spheres of arm and board overlap before and after the step."""
+    problem = IKProblem(
+        ROBOT, ROBOT.fk(Q), (beside(-0.01),), COVER, checker=lambda q: Clearance(1.0), q_reference=Q + 0.01
+    )
+    result = solve(replace(problem, max_step=0.05), "cidgik", Budget(10.0, effort=1.0))
+    assert result.solved and result.solver == "cidgik"
+    assert any("overlap where the step begins" in stage.note for stage in result.stages)
+
+
+def test_no_proof_rests_on_covering_spheres() -> None:
+    """A step that has the arm in a board is refused by the cover alone: nothing is proved by it."""
+    problem = IKProblem(ROBOT, ROBOT.fk(Q), (beside(-0.02),), COVER, q_reference=Q, max_step=1e-4)
+    candidate = solve_cidgik(problem, Budget(10.0, effort=0.3))
+    assert candidate.q is None and candidate.certificate is None

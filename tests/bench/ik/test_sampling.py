@@ -98,3 +98,14 @@ def test_reference_solutions_solve_the_target():
     assert found.shape == (20, 7)
     assert all(max(robot.fk(q).error_to(target)) < 1e-5 for q in found)
     assert np.array_equal(found, reference(robot, target, 20, seed=1))
+
+
+@pytest.mark.parametrize(("bench", "restarting"), [("hjcd-dof", 4), ("hjcd-batch", 2)])
+def test_the_papers_phases_and_our_restarts_are_rows_of_their_own(bench, restarting):
+    rows = run_bench(bench, n=2)["rows"]
+    ours = [row for row in rows if row["row"].endswith("/restart until solved")]
+    papers = [row for row in rows if row["row"].endswith("/two phases (paper)")]
+    assert len(ours) == restarting and len(ours) + len(papers) == len(rows)
+    assert all(row["paper_ms"] is None for row in ours)
+    assert all(row["paper_ms"] > 0 and row["n"] == 2 for row in papers)
+    assert all(row["success"] == 1.0 for row in ours)

@@ -6,23 +6,23 @@ import itertools
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError
 from workcell.geometry.packing import pack_arm, random_state
 from workcell.ik.hjcd.memory import kernels
+from workcell.kernels.constants import ROTATION_WEIGHT
 from workcell.model.robot import Robot
 from workcell.pose import Array, Pose, read_only
 
+if TYPE_CHECKING:
+    from workcell.kernels.chain import Arm
+
 ACCURACY = 1e-8
 """Metres of residual (a radian weighs 0.3 m) to which poses are polished."""
-SWEEPS = 20
-"""Coordinate-descent updates of a seed in phase one."""
-COARSE = 0.1
-"""Metres of residual at which one seed ends phase one for all."""
 _COPIES = (
     (8, 1.0, 24, 0.25),
     (16, 0.5, 16, 0.15),
@@ -120,15 +120,19 @@ def solve_two_phase(
 ) -> BatchSolution:
     """The paper's algorithm for one target: descend `batch` seeds, polish perturbed copies of the best.
 
-    Phase one ends for all seeds when one comes within `COARSE` (on a Warp device each runs to its end: the answer
-    must not depend on which thread is first); how many are kept and copied depends on the batch size as in the authors'
-    code. The configurations come with the smallest residual first.
+    Phase one (Alg. 3) updates all seeds in turn, as often each, until one is within 2 cm and a right angle of the
+    target; an update that helps neither position nor rotation is exchanged for a random one. Phase two (Alg. 4) takes
+    the weighted steps of Eq. 12, and its fallbacks. How many seeds are kept and copied depends on the batch size as in
+    the authors' code. The configurations come with the smallest residual first.
+
+    A Warp device does it otherwise: every seed is updated to the end of phase one without random updates, and copies
+    are polished by steps without weights, as `solve_batch` does.
 
     Args:
         robot: serial; its default tool is placed. Obstacles don't count.
         target: in the world.
         batch: seeds.
-        seed: same seed, same answer (for a number of threads, or a device).
+        seed: same seed, same answer (for any number of threads, and for a device).
         threads: of the numba kernels.
         sampling: seeds uniform in the limits, or from a scrambled Halton sequence.
         device: a Warp device (`cuda:0`, `cpu`), as in `solve_batch`.
@@ -145,22 +149,41 @@ def solve_two_phase(
         from workcell.ik.hjcd.gpu.solver import WarpSolver
 
         kept, copies, spread = _copying(batch)
-        outcome = WarpSolver(arm, device).two_phase(pose, seeds, SWEEPS, kept, copies, spread, ACCURACY, seed)
+        sweeps = int(kernels().SWEEPS)
+        outcome = WarpSolver(arm, device).two_phase(pose, seeds, sweeps, kept, copies, spread, ACCURACY, seed)
         return _sorted(outcome.q, outcome.cost)
-    cost = np.empty(batch)
-
-    def descend(part: slice) -> int:
-        return int(kernels().descend_batch(arm, pose, seeds[part], SWEEPS, COARSE, cost[part]))
-
-    _in_parts(descend, batch, threads)
-    q = _perturbed_copies(robot, seeds[np.argsort(cost, kind="stable")], rng)
-    residual = np.empty(len(q))
+    errors = _descend_all(arm, pose, seeds, rng, threads)
+    order = np.argsort(errors[:, 0] ** 2 + (ROTATION_WEIGHT * errors[:, 1]) ** 2, kind="stable")
+    q = _perturbed_copies(robot, seeds[order], rng)
+    cost, random = np.empty(len(q)), _random_states(rng, len(q))
 
     def polish(part: slice) -> None:
-        kernels().polish_batch(arm, pose, ACCURACY, q[part], residual[part])
+        entries = kernels()
+        entries.polish_copies(arm, pose, ACCURACY, entries.ITERATIONS, random[part], q[part], cost[part])
 
     _in_parts(polish, len(q), threads)
-    return _sorted(q, residual)
+    return _sorted(q, cost)
+
+
+def _descend_all(arm: Arm, pose: Array, seeds: Array, rng: np.random.Generator, threads: int) -> Array:
+    """Phase one over seeds (b, n), in place; metres and radians (b, 2) that are left."""
+    errors, random = np.empty((len(seeds), 2)), _random_states(rng, len(seeds))
+    sweeps = int(kernels().SWEEPS)
+    together = 1 if threads > 1 else sweeps  # threads must know of each other when a seed is near enough
+    for first in range(0, sweeps, together):
+
+        def sweep(part: slice, first: int = first) -> int:
+            last = first + together
+            return int(kernels().sweep_seeds(arm, pose, first, last, random[part], seeds[part], errors[part]))
+
+        if any(_in_parts(sweep, len(seeds), threads)):
+            break
+    return errors
+
+
+def _random_states(rng: np.random.Generator, count: int) -> NDArray[np.uint64]:
+    """(count, 1) one stream of random numbers for each row, whichever thread works on it."""
+    return rng.integers(0, 2**64, size=(count, 1), dtype=np.uint64)
 
 
 def polish_seeds(robot: Robot, target: Pose, seeds: ArrayLike, accuracy: float = ACCURACY) -> BatchSolution:

@@ -1,6 +1,7 @@
 """HJCD-IK with collisions inside: seeds, greedy coordinate descent, Newton polish, then clear of obstacles.
 
-The two phases are those of the paper (its sections III and IV), which knows kinematics alone:
+Its parts are those of the paper (sections III and IV), which knows kinematics alone; here each seed goes through both
+phases before the next is drawn, until one is a solution. The paper's algorithm on a batch is `solve_two_phase`:
 
     @misc{hjcdik,
       title = {{HJCD-IK}: {GPU}-Accelerated Inverse Kinematics through Batched Hybrid {Jacobian} Coordinate Descent},

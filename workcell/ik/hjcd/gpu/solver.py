@@ -69,7 +69,7 @@ class WarpSolver:
         self, pose: Array, seeds: Array, sweeps: int, kept: int, copies: int, spread: float, accuracy: float,
         seed: int,
     ) -> Outcome:  # fmt: skip
-        """The paper's algorithm on seeds (b, n) for one target: descend, rank, polish perturbed copies of the best.
+        """The paper's two phases on seeds (b, n) for one target, without its random updates and its weights.
 
         Args:
             pose: (7,) position and quaternion wxyz.

@@ -1,6 +1,7 @@
-"""Greedy orientation-aware coordinate descent, HJCD-IK's first phase.
+"""Greedy orientation-aware coordinate descent, after HJCD-IK's first phase: the start of every restart.
 
-Section IV, Eqs. 8-11 of HJCD-IK (see `workcell.ik.hjcd.solver`).
+Section IV, Eqs. 8-11 of HJCD-IK (see `workcell.ik.hjcd.solver`), with the best turn for rotation in place of Eq. 11 and
+without random updates; the phase as published is `greedy`.
 """
 
 from __future__ import annotations

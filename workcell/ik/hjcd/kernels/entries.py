@@ -3,6 +3,7 @@
 from workcell.ik.hjcd.kernels.constrained import refine
 from workcell.ik.hjcd.kernels.coupled import search_coupled
 from workcell.ik.hjcd.kernels.free import descend_batch, polish_batch, solve_targets
+from workcell.ik.hjcd.kernels.greedy import SWEEPS, sweep_seeds
 from workcell.ik.hjcd.kernels.search import (
     ARC,
     BEST,
@@ -19,6 +20,7 @@ from workcell.ik.hjcd.kernels.search import (
     search,
 )
 from workcell.ik.hjcd.kernels.trace import MEMORY
+from workcell.ik.hjcd.kernels.weighted_polish import ITERATIONS, polish_copies
 
 __all__ = [
     "ARC",
@@ -26,6 +28,7 @@ __all__ = [
     "CURVES",
     "EXHAUSTED",
     "FOUND",
+    "ITERATIONS",
     "MEMORY",
     "MISSES",
     "POSES",
@@ -33,11 +36,14 @@ __all__ = [
     "RESTARTS",
     "SLID",
     "SPENT",
+    "SWEEPS",
     "Memory",
     "descend_batch",
     "polish_batch",
+    "polish_copies",
     "refine",
     "search",
     "search_coupled",
     "solve_targets",
+    "sweep_seeds",
 ]

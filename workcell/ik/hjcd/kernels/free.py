@@ -1,4 +1,4 @@
-"""Kinematics alone: restart until solved, for one or many targets; the paper's two phases on a batch of seeds."""
+"""Kinematics alone: restart until solved, for one or many targets; descent and polish of each row of a batch."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def solve_targets(
 
 @kernel
 def descend_batch(arm: Arm, pose: Array, seeds: Array, sweeps: int, coarse: float, cost: Array) -> int:
-    """Phase one over seeds (b, n), in place, with the squared residuals left in cost (b,).
+    """Descend seeds (b, n), the nearest first, in place, with the squared residuals left in cost (b,).
 
     Stops when one seed's residual is below `coarse` (metres); returns how many seeds were worked on.
     """
@@ -91,7 +91,7 @@ def descend_batch(arm: Arm, pose: Array, seeds: Array, sweeps: int, coarse: floa
 
 @kernel
 def polish_batch(arm: Arm, pose: Array, accuracy: float, q: Array, cost: Array) -> None:
-    """Phase two over q (b, n), in place, with the squared residuals left in cost (b,)."""
+    """Polish each of q (b, n), in place, with the squared residuals left in cost (b,)."""
     work, target = scratch(q.shape[1]), np.empty(12)
     read_target(pose, target)
     for i in range(q.shape[0]):

@@ -1,6 +1,7 @@
-"""Damped Newton polish on the pose within limits: HJCD-IK's second phase.
+"""Damped Newton polish on the pose within limits, after HJCD-IK's second phase: the end of every restart.
 
-Section IV, Eqs. 12-16 of HJCD-IK (see `workcell.ik.hjcd.solver`).
+Section IV, Eqs. 12-16 of HJCD-IK (see `workcell.ik.hjcd.solver`), with fixed weights and without random updates, which
+restarts are there for; the phase as published is `weighted_polish`.
 """
 
 from __future__ import annotations

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from workcell import clock
+from workcell.bench.ik.ikspark_tables.algorithm1 import ascend_to_rank_one, judged
 from workcell.bench.rows import Bench, Row, row_of
 from workcell.ik.ikspark.instance import instance_of, relaxation_of
 from workcell.ik.ikspark.lift import goal_vector
-from workcell.ik.ikspark.rank import LONGEST, RANK_GAP, linearise
-from workcell.ik.judge.verify import Verification, verify
+from workcell.ik.ikspark.rank import LONGEST
 from workcell.ik.problem import Budget, IKProblem
-from workcell.ik.result import IKResult, Status
-from workcell.ik.shared.convex import MAX_POLISH
+from workcell.ik.result import IKResult
 from workcell.ik.shared.limits import Interval
-from workcell.ik.shared.polish import polish
 from workcell.ik.solve import solve
 from workcell.pose import Array, Pose
 from workcell.sets.reports import cpu_columns
@@ -67,37 +66,14 @@ def bench_ikspark_free(n: int, seed: int, robot: str = ROBOT) -> list[Row]:
 
 
 def one_start(problem: IKProblem, seed: int, most: int = LONGEST) -> IKResult:
-    """Algorithm 1 with Problem 3 once, from the point of the relaxation farthest along one random direction.
-
-    It goes on for `most` cone programs or until rank 1, where the solver gives up a start that has become slow. The
-    rest is the same: a rank gap below 1e-5, a polish by 1e-2 rad or less, and the judge.
-    """
-    began, programs, verdict = clock.cpu_seconds(), 0, Verification()
+    """Algorithm 1 with Problem 3 once, of `most` cone programs at most, from one random direction."""
+    began = clock.cpu_seconds()
     with instance_of(problem) as instance:
         direction = np.random.default_rng(seed).standard_normal(instance.lift.size)
-        gap, x = 1.0, None
-        while programs < most and gap >= RANK_GAP:
-            programs += 1
-            solution = instance.solve(-direction)
-            if not solution.usable:
-                break
-            x = solution.x
-            gaps, direction = linearise(instance.lift, x)
-            gap = float(gaps.max(initial=0.0))
-        polished = None
-        if x is not None and gap < RANK_GAP:
-            angles = problem.robot.unwrap(instance.lift.angles(x, instance.goal), instance.interval.middle)
-            polished = polish(problem, angles)
-    if polished is not None and polished.moved <= MAX_POLISH:
-        verdict = verify(problem, polished.q)
-    return IKResult(
-        Status.SOLVED if verdict.accepted else Status.NOT_FOUND,
-        "ikspark",
-        q=polished.q if polished is not None and verdict.accepted else None,
-        position_error=verdict.position_error,
-        rotation_error=verdict.rotation_error,
-        stats={"sdps": float(programs), "cpu_s": clock.cpu_seconds() - began},
-    )
+        ascent = ascend_to_rank_one(instance, direction, most)
+        result = judged(problem, instance, ascent, {})
+    stats = {"sdps": float(ascent.programs), "cpu_s": clock.cpu_seconds() - began}
+    return replace(result, stats=stats)
 
 
 def bench_ikspark_far(n: int, seed: int, robot: str = ROBOT) -> list[Row]:

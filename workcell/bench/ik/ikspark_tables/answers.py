@@ -10,6 +10,7 @@ import numpy as np
 
 from workcell import clock
 from workcell.bench.ik.ikspark_tables.cells import Cell
+from workcell.bench.ik.ikspark_tables.recipe import solve_by_recipe
 from workcell.bench.rows import Row, row_of
 from workcell.ik.ikspark.solver import solve_ikspark
 from workcell.ik.judge.verify import Verification, verify
@@ -23,12 +24,9 @@ BUDGET = Budget(1.0)
 """CPU seconds a cell, building included."""
 UNMEASURED = 2
 """Cells solved before the clock starts: they import and compile what is loaded lazily."""
+RECIPE = "the paper's recipe"
+UNPRUNED = f"{RECIPE}, every pair kept"
 ALONE = "ikspark in cuboids alone"
-UNPRUNED = f"{ALONE}, every pair kept"
-_OPTIONS: dict[str, dict[str, bool]] = {
-    ALONE: {"fallback": False},
-    UNPRUNED: {"fallback": False, "prune": False},
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +40,7 @@ class Paper:
 
 
 def answers(cells: Sequence[Cell], method: str, seed: int) -> list[IKResult]:
-    """Results of a method: a solver's name, `ALONE` or `UNPRUNED`; each is a judged configuration, or none."""
+    """Results of a method: a solver's name, or one of the above; each is a judged configuration, or none."""
     for cell in cells[:UNMEASURED]:
         _answer(cell.problem, method, seed)
     return [_answer(cell.problem, method, problem_seed(seed, str(k))) for k, cell in enumerate(cells)]
@@ -50,19 +48,19 @@ def answers(cells: Sequence[Cell], method: str, seed: int) -> list[IKResult]:
 
 def is_known(method: str) -> bool:
     """Whether the solver can be told to work as the method does."""
-    return _OPTIONS.get(method, {}).keys() <= inspect.signature(solve_ikspark).parameters.keys()
+    return method != ALONE or "fallback" in inspect.signature(solve_ikspark).parameters
 
 
 def _answer(problem: IKProblem, method: str, seed: int) -> IKResult:
-    if method not in _OPTIONS:
-        return solve(problem, method, BUDGET, seed)
-    return _in_cuboids_alone(problem, seed, _OPTIONS[method])
+    if method in (RECIPE, UNPRUNED):
+        return solve_by_recipe(problem, seed, pruned=method == RECIPE)
+    return _in_cuboids_alone(problem, seed) if method == ALONE else solve(problem, method, BUDGET, seed)
 
 
-def _in_cuboids_alone(problem: IKProblem, seed: int, options: dict[str, bool]) -> IKResult:
-    """What the convex method finds with every sphere in a cuboid, and nothing else to fall back on."""
+def _in_cuboids_alone(problem: IKProblem, seed: int) -> IKResult:
+    """What the solver finds with every sphere in a region of free space, and nothing else to fall back on."""
     prepare(problem)
-    began = clock.cpu_seconds()
+    began, options = clock.cpu_seconds(), {"fallback": False}
     candidate = solve_ikspark(problem, BUDGET, seed, **options)
     verdict = verify(problem, candidate.q) if candidate.q is not None else Verification()
     stats = {f"ikspark.{name}": float(value) for name, value in candidate.stats.items()}

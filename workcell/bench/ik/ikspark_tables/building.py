@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell import clock
+from workcell.bench.ik.ikspark_tables.perspective import sphere_centres
 from workcell.geometry.free_space.cuboids import inflate_cuboids
 from workcell.geometry.free_space.polytopes import inflate_polytope
 from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.types import FreeSpace
-from workcell.ik.ikspark.cuboids import sphere_maps
 from workcell.ik.ikspark.instance import Instance, instance_of
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.solve import solve
@@ -58,7 +58,15 @@ class Building:
         return bool(self.allowed.any(axis=1).all())
 
 
-def build(problem: IKProblem, *, biased: bool, polytopes: bool, seed: int, seeds: int = SEEDS) -> Building:
+def build(
+    problem: IKProblem,
+    *,
+    biased: bool,
+    polytopes: bool,
+    seed: int,
+    seeds: int = SEEDS,
+    pruned: bool = True,
+) -> Building:
     """Regions of free space, and which of them each sphere may be in.
 
     Args:
@@ -67,6 +75,7 @@ def build(problem: IKProblem, *, biased: bool, polytopes: bool, seed: int, seeds
         polytopes: grow those, else cuboids by Algorithm 3.
         seed: of that solution and of the seeds.
         seeds: how many.
+        pruned: ask Problem 7 about every pair; else all are kept.
     """
     began, bounds = clock.cpu_seconds(), workspace(problem)
     points = (biased_seeds if biased else anywhere)(problem, np.random.default_rng(seed), seeds)
@@ -76,7 +85,7 @@ def build(problem: IKProblem, *, biased: bool, polytopes: bool, seed: int, seeds
     else:
         space = inflate_cuboids(points, problem.obstacles, bounds)
     inflated = clock.cpu_seconds()
-    allowed = prune(problem, space)
+    allowed = (prune if pruned else every_pair)(problem, space)
     return Building(space, allowed, inflated - began, clock.cpu_seconds() - inflated)
 
 
@@ -118,21 +127,24 @@ def _free(problem: IKProblem, points: Array) -> Array:
 
 def prune(problem: IKProblem, space: FreeSpace) -> NDArray[np.bool_]:
     """(m, k) Problem 7, pair by pair: False where no point of the relaxation has the sphere in the region."""
-    cover = problem.cover
-    assert cover is not None
-    spheres = np.flatnonzero(cover.link > 0)
     regions = [(_AXES, np.concatenate([up, -low])) for low, up in zip(space.lower, space.upper, strict=True)]
     regions += [(polytope.A, polytope.b) for polytope in space.polytopes]
     planes = _PLANES if space.polytopes else _FACES
     with instance_of(problem, halfspaces=planes) as instance:
-        maps = sphere_maps(instance.lift, problem, spheres) @ instance.goal
-        return np.array(
-            [
-                [_may_be_in(instance, centre, float(radius), region, planes) for region in regions]
-                for centre, radius in zip(maps, cover.radius[spheres], strict=True)
-            ],
-            dtype=bool,
-        ).reshape(len(spheres), len(regions))
+        centres, radii = sphere_centres(problem, instance)
+        pairs = [
+            _may_be_in(instance, centre, float(radius), region, planes)
+            for centre, radius in zip(centres, radii, strict=True)
+            for region in regions
+        ]
+        return np.array(pairs, dtype=bool).reshape(len(radii), len(regions))
+
+
+def every_pair(problem: IKProblem, space: FreeSpace) -> NDArray[np.bool_]:
+    """(m, k) True: nothing is pruned."""
+    assert problem.cover is not None
+    moving = np.count_nonzero(problem.cover.link > 0)
+    return np.ones((moving, len(space) + len(space.polytopes)), dtype=bool)
 
 
 def _may_be_in(

@@ -20,10 +20,10 @@ def run(job: Job) -> None:
     with job.phase("planning"):
         # The fingers must come closer to the mug than their spheres allow; the compiled model watches them there.
         shelf = PlanningWorld.of(scene, overshoot=OVERSHOOT, approached=[mug], seed=job.seed)
-        goal = job.solve(shelf.problem(grasp), "grasp configuration")
-        shelf = shelf.with_free_space_around([goal.unwrap()])
+        goal = job.solve(shelf.problem(grasp, q_reference=arm.start), "grasp configuration").unwrap()
+        shelf = shelf.with_free_space_around([goal])
         job.log_world(shelf)
-        reach = job.reach(shelf, arm.start, line(approach, grasp), LIMITS, "way into the shelf")
+        reach = job.reach(shelf, arm.start, line(approach, grasp), LIMITS, "way into the shelf", goal=goal)
 
         # From here on the mug is part of the robot; until it is lifted it may touch what it stands on.
         carrying = shelf.holding(mug, grasp.inverse() @ scene.object_pose(mug), towards=[reach.end])

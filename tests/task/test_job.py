@@ -147,3 +147,13 @@ def test_a_run_that_could_not_be_written_is_not_begun(tmp_path, name):
     with pytest.raises(OutputError, match=rf"{name}: the file can't be written: Is a directory"):
         run_task("shelf_grasp", out=tmp_path, say=said.append)
     assert not said and [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_a_planner_that_only_answers_poses_or_is_unknown_is_refused_before_anything_is_written(tmp_path):
+    with pytest.raises(
+        InputError, match=r"branch answers single poses \(plan with ikspark, cidgik or auto\)"
+    ):
+        run_task("shelf_grasp", planner="branch", out=tmp_path / "out")
+    with pytest.raises(UnknownNameError, match="no planner named 'rrt'"):
+        run_task("shelf_grasp", planner="rrt", out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()

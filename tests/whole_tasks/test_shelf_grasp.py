@@ -14,6 +14,7 @@ from workcell.record.read.review import review
 from workcell.record.shapes import geom_rgba
 from workcell.record.show.cameras import choose_cameras
 from workcell.record.show.studio import Studio
+from workcell.task.planning import Planning
 from workcell.task.run import run_task
 
 
@@ -74,6 +75,28 @@ def test_the_pictures_show_the_mug_in_the_shelf_and_then_in_the_hand(outcome):
         assert inside(mug).sum() > 300
         assert blue[inside(mug)].mean() > 0.65  # the tool's way and the rim's edges are drawn over it
         assert not blue[~around(mug, 6)].any()
+
+
+def test_the_arm_grasps_in_the_grasp_configuration_that_was_found(tmp_path, monkeypatch):
+    """The configuration that the planner answers with is where the way into the shelf ends, by either planner."""
+    for planner in ("ikspark", "cidgik"):
+        goals, ends = [], []
+        solve, reach = Planning.solve, Planning.reach
+
+        def solved(self, *arguments, solve=solve, goals=goals, **options):
+            goals.append(solve(self, *arguments, **options))
+            return goals[-1]
+
+        def reached(self, *arguments, reach=reach, ends=ends, **options):
+            ends.append(reach(self, *arguments, **options).end)
+            self.story.fail("PLANNED", "as far as this test looks")
+
+        with monkeypatch.context() as patch:
+            patch.setattr(Planning, "solve", solved)
+            patch.setattr(Planning, "reach", reached)
+            result = run_task("shelf_grasp", planner=planner, seed=3, out=tmp_path, say=lambda _: None)
+        assert result.status == "PLANNED" and len(goals) == len(ends) == 1
+        assert goals[0].solver == planner and np.array_equal(goals[0].q, ends[0])
 
 
 def test_the_story_names_each_step(outcome):

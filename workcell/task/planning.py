@@ -152,7 +152,8 @@ class Planning:
         if found.path is None:
             self.story.fail(found.status.value, f"{what}: {found.detail}. {found.status.sentence}")
         self.story.say(
-            f"{what}: {len(found.path)} waypoints, {self.story.if_looked_at(world, 'proved clear')}"
+            f"{what}: {len(found.path)} waypoints by the sampling planner, "
+            + self.story.if_looked_at(world, "proved clear")
         )
         return found.path
 

@@ -11,12 +11,12 @@ from typing import Any
 from workcell.compile_ahead import PLANNING, SAMPLING, TRACKING, compile_ahead, compiling_seconds
 from workcell.errors import InputError, UnknownNameError
 from workcell.files import check_writable, write_json_atomic
-from workcell.ik.registry import planner_names
 from workcell.ik.result import Status
 from workcell.jit import announce_compiling
 from workcell.model.loading.assets import find_task
 from workcell.model.overlap import start_overlap
 from workcell.model.scene import Scene
+from workcell.motion.tool_paths.planners import check_planner
 from workcell.record.write.recording import Recording
 from workcell.simulate.controller import CONTROLLERS
 from workcell.task.job import Job
@@ -59,8 +59,7 @@ def run_task(
         WorkcellError: bad input, a start in collision among it; OutputError: the folder can't be written.
         ScriptError: the script itself failed, with its line.
     """
-    if planner not in planner_names():
-        raise UnknownNameError("planner", planner, planner_names())
+    check_planner(planner)
     if controller not in CONTROLLERS:
         raise UnknownNameError("controller", controller, CONTROLLERS)
     began = time.perf_counter()

@@ -39,7 +39,7 @@ from workcell.motion.tool_paths.result import (
     FollowStatus,
 )
 from workcell.motion.tool_paths.step_errors import StepError, diagnose
-from workcell.motion.tool_paths.steps import LocalSolver, Solver, Steps, Tolerant
+from workcell.motion.tool_paths.steps import TOO_FAR, LocalSolver, Solver, Steps, Tolerant
 from workcell.pose import Array, Pose
 
 __all__ = [
@@ -169,7 +169,7 @@ class _Tracker:
         result = self._solve(waypoint, q_previous)
         reason: StepError | None = None
         if result.q is None or not result.solved:
-            reason = self._why_no_step(waypoint, q_previous, halvings)
+            reason = self._why_no_step(waypoint, q_previous, halvings, TOO_FAR in result.rejected)
             if reason.status in _FINAL:
                 raise reason
         else:
@@ -183,10 +183,10 @@ class _Tracker:
         elif reason is not None:
             raise reason
 
-    def _why_no_step(self, waypoint: _Waypoint, q_previous: Array, halvings: int) -> StepError:
+    def _why_no_step(self, waypoint: _Waypoint, q_previous: Array, halvings: int, too_far: bool) -> StepError:
         """Why a pose was not reached: asked once for a given pose, and where the distance can't be halved further."""
         pose = waypoint.pose
-        if 0 < halvings < self.limits.max_halvings:
+        if halvings > 0 and (too_far or halvings < self.limits.max_halvings):
             return StepError(FollowStatus.STEP_TOO_LARGE, pose, "no configuration within the largest step")
         self.solved += 2
         solver = partial(self.solver, proposed=waypoint.proposed)

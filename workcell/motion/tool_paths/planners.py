@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from workcell.errors import InputError, UnknownNameError
 from workcell.ik.problem import POSE_BUDGET, Budget, IKProblem
-from workcell.ik.registry import plans_alone
+from workcell.ik.registry import planner_names, plans_alone, solver_names
 from workcell.ik.result import IKResult
 from workcell.motion.tool_paths.poses import PathTolerance
 from workcell.motion.tool_paths.result import FollowLimits
@@ -11,6 +12,20 @@ from workcell.motion.tool_paths.steps import LocalSolver, Solver, Steps, Toleran
 
 STEP_BUDGET = Budget(60.0, effort=1.0)
 """For one answer of a solver along a path. The effort ends it, which is the same at any load."""
+OWN_STEP_BUDGET = Budget(60.0, effort=0.35)
+"""For one step of a convex planner: nearly all take one cone program, and halfway to a pose that resists is nearer."""
+
+
+def check_planner(name: str) -> None:
+    """Raise unless paths can be planned with it: UnknownNameError, or InputError for a solver that can't plan."""
+    if name in planner_names():
+        return
+    if name not in solver_names():
+        raise UnknownNameError("planner", name, planner_names())
+    *others, last = planner_names()
+    raise InputError(
+        f"{name} answers single poses", where="planner", remedy=f"plan with {', '.join(others)} or {last}"
+    )
 
 
 def steps_of(
@@ -19,7 +34,7 @@ def steps_of(
     *,
     tolerance: PathTolerance | None = None,
     limits: FollowLimits | None = None,
-    budget: Budget = STEP_BUDGET,
+    budget: Budget | None = None,
     seed: int = 0,
 ) -> Steps:
     """The steps of a planner, for `workcell.motion.tool_paths.follow`.
@@ -31,13 +46,17 @@ def steps_of(
         planner: `auto`, or a solver that tasks are planned with.
         template: as of `follow`.
         tolerance, limits: as of `follow`.
-        budget: of one answer by a solver.
+        budget: of one answer by a solver; None: enough.
         seed: same seed, same steps.
+
+    Raises:
+        UnknownNameError: no such planner. InputError: a solver that tasks are not planned with.
     """
-    solver = step_solver(planner, budget, seed)
+    check_planner(planner)
     if plans_alone(planner):
-        return Tolerant(solver, tolerance or PathTolerance())
-    return local_solver(template, tolerance=tolerance, limits=limits, rescue=solver)
+        return Tolerant(step_solver(planner, budget or OWN_STEP_BUDGET, seed), tolerance or PathTolerance())
+    rescue = step_solver(planner, budget or STEP_BUDGET, seed)
+    return local_solver(template, tolerance=tolerance, limits=limits, rescue=rescue)
 
 
 def step_solver(name: str = "ikspark", budget: Budget | None = None, seed: int = 0) -> Solver:

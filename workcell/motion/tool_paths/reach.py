@@ -23,7 +23,7 @@ from workcell.motion.path import Path
 from workcell.motion.plans.in_scene import plan_in_world
 from workcell.motion.plans.result import PlanSettings
 from workcell.motion.tool_paths.follow import FollowLimits, follow, line
-from workcell.motion.tool_paths.planners import STEP_BUDGET, steps_of
+from workcell.motion.tool_paths.planners import steps_of
 from workcell.motion.tool_paths.result import Answered, FollowResult
 from workcell.pose import Array, Pose
 from workcell.world.planning_world import PlanningWorld
@@ -173,7 +173,7 @@ class _Query:
 
     def _by_way_of(self, q_goal: Array, q_start: Array, seed: int, goal: str) -> ReachResult:
         """Out of the narrow way backwards from one goal configuration, then to the start in joint space."""
-        back, why = self._followed(self.inward[::-1], q_goal, self.limits, STEP_BUDGET)
+        back, why = self._followed(self.inward[::-1], q_goal, self.limits)
         if why or back.path is None:
             return ReachResult(None, "not found", None, (f"{goal}: {why}",))
         settings = PlanSettings(clearance=self.limits.clearance)
@@ -189,11 +189,11 @@ class _Query:
         if way.path is None:
             return ReachResult(None, "not found", None, (f"{goal}: {way.detail}",))
         path = way.path + back.path.reversed()
-        how = f"by way of {goal}, {len(way.path)} waypoints in joint space before it"
+        how = f"by way of {goal}, before it a joint motion by the sampling planner"
         return ReachResult(path, how, None, (), back, back.answered)
 
     def _followed(
-        self, poses: tuple[Pose, ...], q_start: Array, limits: FollowLimits, budget: Budget
+        self, poses: tuple[Pose, ...], q_start: Array, limits: FollowLimits, budget: Budget | None = None
     ) -> tuple[FollowResult, str]:
         """The planner's steps along tool poses, and why they are no way; empty: they are one."""
         problem = self.world.problem(poses[0])

@@ -21,6 +21,8 @@ from workcell.motion.tool_paths.tracker import Aside, LocalTracker
 from workcell.pose import Array, Pose
 
 Solver = Callable[[IKProblem], IKResult]
+TOO_FAR = "a link would turn further than it may in one step"
+"""Why a local step is not taken although it reaches its pose: half of it will do."""
 
 
 class LocalSolver:
@@ -71,6 +73,8 @@ class LocalSolver:
             tracked = self.tracker.track_anyhow([problem.target], reference)
             if tracked.complete:
                 result = accepted(problem, tracked.configurations[0], self.tolerance)
+                if result is None and turns_too_far(problem, tracked.configurations[0]):
+                    return IKResult(Status.NOT_FOUND, "local", rejected=(TOO_FAR,))
         if result is not None:
             self.local += 1
             spent = clock.cpu_seconds() - begun
@@ -100,6 +104,14 @@ def accepted(problem: IKProblem, q: Array, tolerance: PathTolerance) -> IKResult
         rotation_error=verdict.rotation_error,
         clearance=verdict.clearance,
     )
+
+
+def turns_too_far(problem: IKProblem, q: Array) -> bool:
+    """Whether a link turns further from the reference to q (n,) than `max_link_rotation` (Eq. 75)."""
+    if problem.max_link_rotation is None or problem.q_reference is None:
+        return False
+    before, after = problem.robot.link_transforms(np.stack([problem.q_reference, q]))[..., :3, :3]
+    return bool(np.linalg.norm(after - before, axis=(-2, -1)).max() > problem.max_link_rotation)
 
 
 class Tolerant:

@@ -18,8 +18,9 @@ from workcell.ik.check import check_certificate
 from workcell.ik.claims.chain import Chain
 from workcell.ik.ikspark.bound import Multipliers, Sum, upper_bound
 from workcell.ik.ikspark.check import check_farkas, margin
-from workcell.ik.ikspark.cuboids import CuboidSet, reachable_pairs, sphere_maps
 from workcell.ik.ikspark.instance import instance_of, relaxation_of
+from workcell.ik.ikspark.obstacles.cuboids import whole_set
+from workcell.ik.ikspark.obstacles.pairs import reachable_pairs
 from workcell.ik.ikspark.rays import certify_kinematics, certify_model
 from workcell.ik.ikspark.solver import solve_ikspark
 from workcell.ik.problem import Budget, Clearance, IKProblem, Tolerances
@@ -270,18 +271,11 @@ def walled(seed: int, cuboids: FreeSpace) -> IKProblem:
     return IKProblem(robot, target, cover=beads(robot, 0.04), free_space=cuboids)
 
 
-def model_set(problem: IKProblem):
-    assert problem.free_space is not None
-    return reachable_pairs(problem, problem.free_space)
-
-
 def test_free_space_too_small_for_the_arm_is_certified_in_the_model() -> None:
     problem = walled(0, FreeSpace([[-1, -1, 0], [-0.1, -0.1, 0.0]], [[-0.3, 1, 0.9], [0.1, 0.1, 0.4]]))
-    pairs = model_set(problem)
     with instance_of(problem) as instance:
-        maps = sphere_maps(instance.lift, problem, pairs.sphere)
-        cuboids = CuboidSet(instance, pairs, maps)
-        if cuboids.empty_sphere < 0:
+        cuboids = whole_set(instance, problem, problem.free_space)
+        if cuboids is not None:
             outcome = cuboids.solve(np.zeros(instance.lift.size))
             assert outcome.status == "infeasible"
             certificate = certify_model(problem, outcome.z)
@@ -306,12 +300,13 @@ def test_pairs_that_hold_a_sphere_are_never_dropped(seed: int) -> None:
     size = 0.04 + rng.uniform(1e-3, 0.1, (len(cover), 1))
     free_space = FreeSpace(centres - size, centres + size)
     problem = IKProblem(robot, robot.fk(q), cover=cover, free_space=free_space)
-    pairs = model_set(problem)
+    pairs = reachable_pairs(problem, free_space)
     with instance_of(problem) as instance:
-        maps = sphere_maps(instance.lift, problem, pairs.sphere)
         for j, sphere in enumerate(pairs.sphere):
             assert pairs.allowed[j, sphere]
-        outcome = CuboidSet(instance, pairs, maps).solve(np.zeros(instance.lift.size))
+        cuboids = whole_set(instance, problem, free_space)
+        assert cuboids is not None
+        outcome = cuboids.solve(np.zeros(instance.lift.size))
         assert outcome.usable
         assert certify_model(problem, rng.standard_normal(len(outcome.z))) is None
         assert certify_model(problem, outcome.z) is None
@@ -319,7 +314,7 @@ def test_pairs_that_hold_a_sphere_are_never_dropped(seed: int) -> None:
 
 def test_the_solver_reports_a_proof_in_the_model() -> None:
     """A box around the shoulder lets no attempt succeed, and says nothing of the last link."""
-    problem = walled(0, FreeSpace([[-1, -1, 0], [-0.1, -0.1, 0.0]], [[-0.3, 1, 0.9], [0.1, 0.1, 0.4]]))
+    problem = walled(0, FreeSpace([[-1, -1, 0], [-0.1, -0.1, 0.0]], [[-0.3, 1, 0.9], [0.1, 0.1, 0.27]]))
     problem = replace(problem, obstacles=(box("wall", (0.0, 0.0, 0.3), (0.02, 0.02, 0.02)),))
     load(SOLVERS["ikspark"].prepare)(problem)  # so that compiling is not part of the budget
     candidate = solve_ikspark(problem, Budget(1.0), 0)

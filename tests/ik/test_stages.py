@@ -11,9 +11,9 @@ from tests.ik.arms import beads
 from tests.ik.lifted_arms import seven_axis
 from workcell.geometry.free_space.cuboids import holds_spheres
 from workcell.geometry.types import FreeSpace
-from workcell.ik.ikspark.cuboids import CuboidSet, reachable_pairs, sphere_maps
 from workcell.ik.ikspark.instance import instance_of
 from workcell.ik.ikspark.lift import goal_vector
+from workcell.ik.ikspark.obstacles.cuboids import whole_set
 from workcell.ik.ikspark.rank import ascend
 from workcell.ik.observing import observed
 from workcell.ik.problem import Budget, IKProblem
@@ -99,14 +99,13 @@ def test_the_cuboids_that_ikspark_assigns_hold_the_spheres(seed: int) -> None:
     middle = cover.centres_world(robot.link_transforms(q))[::2]
     space = FreeSpace(middle - 0.3, middle + 0.3)
     problem = IKProblem(robot, robot.fk(q), cover=cover, free_space=space)
-    pairs = reachable_pairs(problem, space)
     with instance_of(problem) as instance:
-        cuboids = CuboidSet(instance, pairs, sphere_maps(instance.lift, problem, pairs.sphere))
+        cuboids = whole_set(instance, problem, space)
+        assert cuboids is not None
         last = list(ascend(cuboids, instance.lift.lift(q)))[-1]
         assert last.rank_one
-        assigned = cuboids.assignment(len(cover))
+        assigned = np.array(cuboids.best())
         found = instance.lift.angles(last.x, goal_vector(problem.T_base_tool))
     held = holds_spheres(space, cover.centres_world(robot.link_transforms(found)), cover.radius - 1e-3)
     moving = np.flatnonzero(cover.link > 0)
-    assert np.all(assigned[cover.link == 0] == -1)
-    assert held[moving, assigned[moving]].all()
+    assert held[moving, assigned].all()

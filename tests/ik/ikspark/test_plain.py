@@ -12,8 +12,8 @@ from tests.ik.arms import beads
 from tests.ik.lifted_arms import parallel_elbow, scara, seven_axis, skew_arm
 from workcell.errors import InputError
 from workcell.geometry.types import FreeSpace
-from workcell.ik.ikspark.cuboids import CuboidSet, reachable_pairs, sphere_maps
 from workcell.ik.ikspark.instance import instance_of
+from workcell.ik.ikspark.obstacles.cuboids import whole_set
 from workcell.ik.ikspark.plain import PlainModel, relaxation
 from workcell.ik.problem import IKProblem
 from workcell.pose import Pose
@@ -105,17 +105,14 @@ def test_values_and_verdicts_agree_with_cuboids(feasible: bool) -> None:
     middle = centres[::3] if feasible else centres[::5]
     problem = IKProblem(robot, robot.fk(q), cover=cover, free_space=FreeSpace(middle - size, middle + size))
     plain, model = relaxation(problem)
-    pairs = reachable_pairs(problem, problem.free_space)
     with instance_of(problem) as instance:
         expression, row = objective(problem, model, (instance.lift, instance.goal), 5)
         oracle = cp.Problem(cp.Minimize(expression), plain.constraints)
         oracle.solve(solver="CLARABEL", **TIGHT)
-        cuboids = CuboidSet(
-            instance, pairs, sphere_maps(instance.lift, problem, pairs.sphere), tolerance=1e-8
-        )
+        cuboids = whole_set(instance, problem, problem.free_space, tolerance=1e-8)
         if not feasible:
             assert oracle.status == "infeasible"
-            assert cuboids.empty_sphere >= 0 or cuboids.solve(row[:-1]).status == "infeasible"
+            assert cuboids is None or cuboids.solve(row[:-1]).status == "infeasible"
             return
         solution = cuboids.solve(row[:-1])
         assert (oracle.status, solution.status) == ("optimal", "solved")

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.ik.ikspark.cuboids import reachable_pairs
+from workcell.ik.ikspark.obstacles.pairs import reachable_pairs
 from workcell.ik.problem import IKProblem
 from workcell.pose import Array
 

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from workcell.errors import InputError
-from workcell.ik.ikspark.cuboids import reachable_pairs
 from workcell.ik.ikspark.lift import frame_with_z
+from workcell.ik.ikspark.obstacles.pairs import reachable_pairs
 from workcell.ik.problem import IKProblem
 from workcell.ik.shared.limits import Interval
 from workcell.pose import Array

@@ -1,0 +1,1 @@
+"""Obstacles in the relaxation: spheres in regions of free space, and half-spaces where those do not answer."""

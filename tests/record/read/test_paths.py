@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from workcell.ik.observing import report
+from workcell.ik.result import IKResult, Status
 from workcell.model.scene import Scene
 from workcell.record.read.paths import above, names_of
 from workcell.record.read.review import review
@@ -30,7 +32,12 @@ def test_links_without_a_name_are_read_back(tmp_path) -> None:
     scene = Scene.load(tmp_path / "cell.xml", robot=str(tmp_path / "arm.xml"))
     with Recording(tmp_path / "r.rrd", task="t", seed=0) as recording:
         recording.log_scene(scene)
-        recording.log_world(PlanningWorld.of(scene))
+        world, q = PlanningWorld.of(scene), scene.robot().start
+        recording.log_world(world)
+        with recording.queries("where it stands"):
+            homes = np.where(world.cover.link > 0, 0, -1)
+            answer = IKResult(Status.SOLVED, "ikspark", q=q, cuboids=homes, free_space=world.free_space)
+            report(world.problem(world.robot.robot.fk(q)), answer)
         recording.log_states(np.array([0.0, 0.1]), np.array([scene.initial_qpos()] * 2))
         recording.set_result({"task": "t", "achieved": True, "status": "ACHIEVED"})
     seen = review(tmp_path / "r.rrd")

@@ -17,8 +17,7 @@ from workcell.geometry.pieces import move_piece, robot_pieces, scene_obstacles
 from workcell.geometry.types import FreeSpace, SphereCover
 from workcell.model.scene import Scene
 from workcell.pose import Array, Pose
-from workcell.record.show.decomposition import decomposition_figure
-from workcell.record.show.planner_view import COLOURS
+from workcell.record.show.decomposition import COLOURS, decomposition_figure
 
 CELL = """<mujoco model="cell"><worldbody>
   <body name="table" pos=".7 0 -.2"><geom name="top" type="box" size=".15 .2 .02"/></body>

@@ -1,4 +1,4 @@
-"""The planner's view: spheres, and cuboids: those that links are in are drawn strongly, others faintly."""
+"""The planner's view: spheres, and cuboids: those that decided in the links' colours, others faintly."""
 
 from __future__ import annotations
 
@@ -10,15 +10,23 @@ import mujoco
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
 
 from tests.record.sight import Mask, around, ball_at, box_at, geoms_seen, inside
-from workcell.geometry.types import FreeSpace, SphereCover
+from workcell.geometry.free_space.polytopes import solid_of
+from workcell.geometry.types import FreePolytope, FreeSpace, SphereCover
+from workcell.ik.observing import report
+from workcell.ik.problem import IKProblem
+from workcell.ik.result import IKResult, Status
 from workcell.model.scene import Scene
 from workcell.pose import Array
 from workcell.record.read.review import Review, review
 from workcell.record.render.raster import Camera
+from workcell.record.render.tessellate import tessellate
+from workcell.record.shapes import polytope_shape
 from workcell.record.show.cameras import choose_cameras
 from workcell.record.show.moments import key_moments
+from workcell.record.show.outline import box_edges, creases, dashes
 from workcell.record.show.planner_view import has_planner_view, planner_view
 from workcell.record.show.studio import Studio
 from workcell.record.write.recording import Recording
@@ -70,17 +78,27 @@ def space(balls: Array) -> FreeSpace:
     return FreeSpace(*(np.array(corners) for corners in zip(*boxes, aside, strict=True)))
 
 
-@pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory, scene: Scene, motion: Array, space: FreeSpace) -> Review:
+def recorded(path: Path, scene: Scene, motion: Array, space: FreeSpace, planner: str) -> Review:
+    """Waypoints every fifth frame; ikspark has the ball in the first box in one half of them, then in the second."""
     arm = scene.robot()
-    path = tmp_path_factory.mktemp("view") / "run.rrd"
     cover = SphereCover(np.array([arm.robot.dof]), np.zeros((1, 3)), np.array([RADIUS]))
-    with Recording(path, task="swing", frame_rate=1000.0) as recording:
+    with Recording(path, task="swing", planner=planner, frame_rate=1000.0) as recording:
         recording.log_scene(scene)
         recording.log_free_space(space)
         recording.log_cover(arm, cover)
+        with recording.queries("the swing"):
+            way = motion[::5, arm.qpos_addresses]
+            for k, (before, q) in enumerate(itertools.pairwise(way)):
+                asked = IKProblem(arm.robot, arm.robot.fk(q), cover=cover, q_reference=before, max_step=0.3)
+                home = np.array([int(k >= len(way) // 2)]) if planner == "ikspark" else None
+                report(asked, IKResult(Status.SOLVED, planner, q=q, cuboids=home, free_space=space))
         recording.log_states(TIMES, motion)
     return review(path)
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory, scene: Scene, motion: Array, space: FreeSpace) -> Review:
+    return recorded(tmp_path_factory.mktemp("view") / "run.rrd", scene, motion, space, "ikspark")
 
 
 @pytest.fixture(scope="module")
@@ -113,6 +131,9 @@ def test_a_moment_a_tile_with_the_links_that_are_in_cuboids_below(
     captions = [line for line in words if line.startswith("in cuboid")]
     assert captions[0] == f"in cuboid 0: {hand}" and captions[-1] == f"in cuboid 1: {hand}"
     assert len(captions) == 4
+    assert any("boxes: cuboids that the planner, ikspark, had the links in" in line for line in words)
+    (legend,) = (text for text in page.texts if text.get_text() == hand)
+    assert to_rgb(legend.get_color()) == pytest.approx(found.stage.uses[0].rgb)
     for moment in moments:
         assert any(line.startswith(f"{moment.time:.2f} s") for line in words)
 
@@ -152,22 +173,22 @@ def test_spheres_are_drawn_in_blue_where_they_are_and_nowhere_else(
 def test_the_cuboids_in_use_are_drawn_stronger_than_the_others(
     found: Review, page: Axes, studio: Studio, space: FreeSpace
 ) -> None:
-    """In the colour of their number's badge, and nothing shines through; the others in thin green."""
-    masks = mask_of(studio, space)
+    """In the link's colour, with a badge, and nothing shines through; the others in thin green."""
+    masks, mine = mask_of(studio, space), found.stage.uses[0].rgb
     for k, used in ((0, 0), (3, 1)):
         time, tile = key_moments(found, 4)[k].time, page.images[k]
         left, right, bottom, top = tile.get_extent()
         picture, bare = np.asarray(tile.get_array()), studio.picture(time, ("spheres",))
         badges = {
-            int(text.get_text()): text.get_bbox_patch().get_facecolor()[:3]
+            int(text.get_text())
             for text in page.texts
             if text.get_text().isdigit()
             and left < text.get_position()[0] < right
             and top < text.get_position()[1] < bottom
         }
-        assert set(badges) == {used}
+        assert badges == {used}
         for number, mask in enumerate(masks):
-            rgb = badges.get(number, GREEN)
+            rgb = mine if number == used else GREEN
             others = around(np.any([m for n, m in enumerate(masks) if n != number], axis=0), 3)
             alone = mask & ~others
             assert alone.sum() > 40
@@ -176,6 +197,46 @@ def test_the_cuboids_in_use_are_drawn_stronger_than_the_others(
             assert np.mean(left_over < 0.95) > 0.8
             strong = float(np.mean(left_over < 0.05))
             assert strong > 0.7 if number == used else strong < 0.1
+
+
+def test_where_no_cuboid_decided_all_are_thin_and_it_is_said(
+    tmp_path: Path, scene: Scene, motion: Array, space: FreeSpace, studio: Studio
+) -> None:
+    seen = recorded(tmp_path / "auto.rrd", scene, motion, space, "auto")
+    (page,) = planner_view(seen).axes
+    words = [text.get_text() for text in page.texts]
+    assert any("no cuboid decided anything; planner: auto" in line for line in words)
+    assert words.count("no cuboid decided here") == len(page.images) == 4
+    assert not any(line.isdigit() for line in words)
+    masks, moments = mask_of(studio, space), key_moments(seen, 4)
+    for moment, tile in zip(moments, page.images, strict=True):
+        picture, bare = np.asarray(tile.get_array()), studio.picture(moment.time, ("spheres",))
+        mask = np.any(masks, axis=0)
+        left_over = np.linalg.norm(picture - GREEN, axis=2)[mask] / np.linalg.norm(bare - GREEN, axis=2)[mask]
+        assert np.mean(left_over < 0.97) > 0.7 and np.mean(left_over < 0.05) < 0.1
+
+
+def test_a_box_of_several_links_has_dashes_of_all_their_colours() -> None:
+    edges = box_edges(np.zeros(3), np.ones(3))
+    colours = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+    cut = dashes(edges, colours)
+    assert [rgb for _, rgb in cut] == colours
+    lengths = [np.nansum(np.linalg.norm(np.diff(line, axis=0), axis=1)) for line, _ in cut]
+    assert sum(lengths) == pytest.approx(12.0) and min(lengths) > 3.5
+    ((whole, _),) = dashes(edges, colours[:1])
+    assert np.nansum(np.linalg.norm(np.diff(whole, axis=0), axis=1)) == pytest.approx(12.0)
+
+
+def test_the_edges_of_a_solid_are_where_its_sides_meet() -> None:
+    """Not the diagonals that cut its sides into triangles."""
+    faces = np.concatenate([np.eye(3), -np.eye(3), [np.full(3, 3**-0.5)]])
+    solid = FreePolytope(faces, np.array([1.0, 1, 1, 1, 1, 1, 1.2]), 0.0)
+    edges = creases(tessellate(polytope_shape(solid, np.ones(4))))
+    drawn = {tuple(np.sort(np.round(edge[[0, -1]] @ [1, 10, 100], 5))) for edge in edges}
+    expected = solid_of(solid)
+    ends = expected.vertices[expected.edges] @ [1, 10, 100]
+    assert len(edges) == len(expected.edges) == 15
+    assert drawn == {tuple(np.sort(np.round(pair, 5))) for pair in ends}
 
 
 def test_without_links_the_cuboids_themselves_are_drawn_in_green(tmp_path: Path) -> None:

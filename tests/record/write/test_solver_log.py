@@ -149,7 +149,7 @@ def test_cuboids_of_the_solver_itself_are_told_by_the_recording_s_numbers(
     found = review(tmp_path / "run.rrd")
     names = robot.link_names
     assert found.queries[0].cuboids == {names[1]: [1, 2], names[2]: [2]}
-    assert f"the part: ikspark had {names[1]} in 1 and 2, {names[2]} in 2" in text_of(found)
+    assert f"the part: {names[1]} in 1 and 2, {names[2]} in 2" in text_of(found)
 
 
 def test_a_recording_without_stages_says_nothing_of_them(tmp_path: Path, toy: mujoco.MjModel) -> None:

@@ -1,4 +1,4 @@
-"""Which free-space cuboids a recording shows the links in, and for what share of the time."""
+"""Which cuboids decided where the links could be, as a recording tells, and for what share of the time."""
 
 from __future__ import annotations
 
@@ -11,24 +11,27 @@ from numpy.typing import NDArray
 
 from workcell.pose import Array
 from workcell.record.read.paths import names_of
+from workcell.record.read.queries import Query
 from workcell.record.read.reader import Contents, Entity
 from workcell.record.write.cuboid_use import IN_USE
 
-_LABELS, _OUTSIDE, _LINK = "Boxes3D:labels", "spheres_outside", "link"
+_CUBOIDS, _OUTSIDE, _LINK = "cuboids", "spheres_outside", "link"
+_LABELS = "Boxes3D:labels"
+"""Where the layouts before the third had the numbers."""
 _GREY = 0x888888FF
 _TOLD = 6
 
 
 @dataclass(frozen=True, slots=True)
 class LinkUse:
-    """The cuboids that one link is in, over time.
+    """The cuboids and polytopes that the solver had one link in, over time; up to the second layout, that it was in.
 
     Attributes:
         robot, link: names.
         rgb: the link's colour, in [0, 1].
         times: (T,) seconds at which something changes.
-        numbers: T tuples, the cuboids from then on.
-        outside: (T,) how many of the link's spheres are wholly inside no cuboid.
+        numbers: T tuples, the cuboids from then on; none: no cuboid decided where the link was.
+        outside: (T,) how many of the link's spheres are not wholly inside their cuboid.
     """
 
     robot: str
@@ -48,7 +51,7 @@ class LinkUse:
         return sorted({number for numbers in self.numbers for number in numbers})
 
     def spans(self, cuboid: int | None, end: float) -> list[tuple[float, float]]:
-        """From when to when, up to `end`, the link is in a cuboid; None: with some sphere in none of them."""
+        """From when to when, up to `end`, a cuboid held the link; None: with some sphere outside of its cuboid."""
         found: list[tuple[float, float]] = []
         rows = zip(self.times, [*self.times[1:], end], self.numbers, self.outside, strict=True)
         for begins, ends, numbers, outside in rows:
@@ -64,12 +67,26 @@ class LinkUse:
 
 @dataclass(frozen=True, slots=True)
 class CuboidRow:
-    """A link's cuboids and the share of the time that it was in each; `outside`: the share with some sphere in none."""
+    """A link's cuboids with their shares of the time.
+
+    Attributes:
+        robot, link: names.
+        shares: cuboid and share, the longest first.
+        undecided: share in which no cuboid decided.
+        outside: share in which some sphere was not wholly inside its cuboid.
+    """
 
     robot: str
     link: str
     shares: tuple[tuple[int, float], ...]
+    undecided: float
     outside: float
+
+    @property
+    def cells(self) -> tuple[str, str, str]:
+        """The row of a table below `CUBOID_HEAD`, behind the names."""
+        shares = [f"{share:.0%}" if share else "never" for share in (self.undecided, self.outside)]
+        return self.words, shares[0], shares[1]
 
     @property
     def words(self) -> str:
@@ -81,7 +98,11 @@ class CuboidRow:
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
         shares = [{"cuboid": number, "share": share} for number, share in self.shares]
-        return {"robot": self.robot, "link": self.link, "cuboids": shares, "outside_share": self.outside}
+        rest = {"undecided_share": self.undecided, "outside_share": self.outside}
+        return {"robot": self.robot, "link": self.link, "cuboids": shares, **rest}
+
+
+CUBOID_HEAD = ("in cuboids (share of the time)", "undecided", "partly outside")
 
 
 def link_uses(contents: Contents) -> tuple[LinkUse, ...]:
@@ -95,7 +116,7 @@ def link_uses(contents: Contents) -> tuple[LinkUse, ...]:
 
 
 def _use(robot: str, link: str, entity: Entity) -> LinkUse | None:
-    times, labels = entity.over_time(_LABELS)
+    times, labels = entity.over_time(_CUBOIDS if entity.has(_CUBOIDS) else _LABELS)
     outside = entity.numbers(_OUTSIDE)[1].ravel()
     if not len(times) or len(times) != len(outside):
         return None
@@ -113,19 +134,30 @@ def _rgb(entity: Entity) -> tuple[float, float, float]:
 
 
 def cuboid_rows(uses: Sequence[LinkUse], duration: float) -> tuple[CuboidRow, ...]:
-    """The share of the time, from the first row to `duration`, that each link was in each cuboid."""
+    """The share of the time, from 0 to `duration`, in which each cuboid held each link."""
     rows = []
     for use in uses:
-        spans = np.diff(np.append(use.times, max(duration, float(use.times[-1]))))
+        begins = np.append(0.0, use.times)
+        spans = np.diff(np.append(begins, max(duration, float(use.times[-1]))))
         if not spans.sum() > 0:
-            spans = (np.arange(len(spans)) == len(spans) - 1).astype(
+            spans = (np.arange(len(spans)) == len(use.times)).astype(
                 float
             )  # nothing moves: what holds at the end
         spans = spans / spans.sum()
         shares: dict[int, float] = {}
-        for span, numbers in zip(spans, use.numbers, strict=True):
+        for span, numbers in zip(spans[1:], use.numbers, strict=True):
             for number in numbers:
                 shares[number] = shares.get(number, 0.0) + float(span)
         told = sorted(shares.items(), key=lambda item: (-round(item[1], 6), item[0]))
-        rows.append(CuboidRow(use.robot, use.link, tuple(told), float(spans[use.outside > 0].sum())))
+        none = np.array([True, *(not numbers for numbers in use.numbers)])
+        outside = float(spans[1:][use.outside > 0].sum())
+        rows.append(CuboidRow(use.robot, use.link, tuple(told), float(spans[none].sum()), outside))
     return tuple(rows)
+
+
+def deciding_cuboids(queries: Sequence[Query], planner: str) -> str:
+    """Whose cuboids decided, in words, or that none did."""
+    solvers = dict.fromkeys(query.solver for query in queries if query.solved and query.in_cuboids)
+    if solvers:
+        return f"cuboids that the planner, {' and '.join(solvers)}, had the links in"
+    return f"no cuboid decided anything; planner: {planner or 'not named'}"

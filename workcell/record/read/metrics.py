@@ -10,13 +10,14 @@ from workcell.pose import Array
 from workcell.record.read.paths import names_of
 from workcell.record.read.reader import Contents
 from workcell.record.read.stage import Stage
+from workcell.record.write.cuboid_use import BY
 
 _SCALARS, _NAMES = "Scalars:scalars", "SeriesLines:names"
 
 
 def unit_of(name: str) -> tuple[float, str]:
     """What a metric in SI units is multiplied with to be read, and its unit then; names without their column."""
-    if name in ("clearance", "tracking_error"):
+    if name in ("clearance", "tracking_error") or name.startswith(BY):
         return 1e3, "mm"
     if name.endswith("_rad"):
         return 1e3, "mrad"

@@ -191,12 +191,16 @@ def summary(queries: Sequence[Query]) -> str:
 
 
 def own_cuboids(queries: Sequence[Query]) -> list[str]:
-    """For each query whose solver put spheres into cuboids itself: which links, which cuboids."""
-    lines = []
+    """For each way whose solvers put spheres into cuboids: which links, which cuboids, in all its queries."""
+    ways: dict[str, dict[str, set[int]]] = {}
     for query in queries:
-        if query.cuboids:
-            places = ", ".join(
-                f"{link} in {' and '.join(map(str, numbers))}" for link, numbers in query.cuboids.items()
-            )
-            lines.append(f"{query.what}: {query.solver} had {places}")
-    return lines
+        for link, numbers in query.cuboids.items():
+            ways.setdefault(query.what, {}).setdefault(link, set()).update(numbers)
+    return [
+        f"{what}: " + ", ".join(f"{link} in {_listed(numbers)}" for link, numbers in links.items())
+        for what, links in ways.items()
+    ]
+
+
+def _listed(numbers: set[int]) -> str:
+    return " and ".join(map(str, sorted(numbers)))

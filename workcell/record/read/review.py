@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from workcell.errors import RecordingError
-from workcell.record.read.cuboids import CuboidRow, cuboid_rows
+from workcell.record.read.checks import Check, execution_checks, planner_check
+from workcell.record.read.cuboids import CuboidRow, cuboid_rows, deciding_cuboids
+from workcell.record.read.log import LogLine, log_lines
 from workcell.record.read.metrics import MetricRow, ObjectRow, Series, metric_rows, metric_series, object_rows
 from workcell.record.read.queries import Query, lost_queries, recorded_queries, stage_rows
 from workcell.record.read.reader import Contents, read
 from workcell.record.read.stage import Stage
-from workcell.record.read.ways import WayRow, planned_by, way_rows
+from workcell.record.read.ways import WayRow, way_rows
 from workcell.record.write.rrd import APPLICATION
 from workcell.record.write.scene_log import FORMAT
 
@@ -23,30 +24,11 @@ ACHIEVED, NOT_ACHIEVED, INCOMPLETE = "achieved", "not achieved", "incomplete"
 
 _UNSEALED = 1
 """The layout that had no seals."""
+_GEOMETRIC = 2
+"""The last layout whose cuboids in use had decided nothing."""
 _LAYOUTS = range(_UNSEALED, FORMAT + 1)
 """Layouts that are understood: what an older one does not tell is not known."""
 _STOPPED = ("INTERRUPTED", "ERROR")
-_GRASP = re.compile(r"\b(grasp|held)", re.IGNORECASE)
-_MOVED_M = 0.01
-_AGREEMENT_M = 1e-6
-
-
-@dataclass(frozen=True, slots=True)
-class LogLine:
-    """One line of the event log."""
-
-    time: float
-    level: str
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class Check:
-    """Something the reviewer worked out from the recording, not from what the run says of itself."""
-
-    name: str
-    passed: bool
-    finding: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +42,7 @@ class Review:
         checks: the reviewer's own.
         result, manifest: what the run wrote about itself; empty when missing.
         metrics, objects, events: in the order of names and of time.
-        cuboids: which free-space cuboids each link was in; empty where the recording does not tell.
+        cuboids: those that decided where each link could be; empty where none did, or the recording does not tell.
         queries: of inverse kinematics, with the solvers' stages; empty where the recording does not tell.
         duration: simulated seconds.
         inventory: entity path to (components, rows over time).
@@ -103,6 +85,26 @@ class Review:
         return sum(thing.kind == "free_space" for thing in self.stage.things)
 
     @property
+    def by_geometry(self) -> bool:
+        """Whether the cuboids in use are those that links were in, whatever the planner was: an older layout's."""
+        layout = self.manifest.get("format")
+        return isinstance(layout, int) and layout <= _GEOMETRIC
+
+    @property
+    def planner(self) -> str:
+        """The planner's name; empty where the recording does not say."""
+        return str(self.manifest.get("planner") or self.result.get("planner") or "")
+
+    @property
+    def cuboid_words(self) -> str:
+        """What the cuboids in use are, or that none decided anything; empty where there is nothing to tell of them."""
+        if self.by_geometry:
+            return "cuboids that links were in, by geometry alone" if self.cuboids else ""
+        if self.queries:
+            return deciding_cuboids(self.queries, self.planner)
+        return ""
+
+    @property
     def task(self) -> str:
         """The task's name; the file's where the recording does not say."""
         return str(self.manifest.get("task") or self.result.get("task") or self.path.stem)
@@ -122,6 +124,7 @@ class Review:
             "objects": [asdict(row) for row in self.objects],
             "events": [asdict(line) for line in self.events],
             "cuboids_in_use": [row.to_json() for row in self.cuboids],
+            "cuboids_said": self.cuboid_words,
             "ways": [row.to_json() for row in self.ways],
             "solver_stages": [_finite(asdict(row)) for row in stage_rows(self.queries)],
             "queries": len(self.queries),
@@ -156,14 +159,14 @@ def review(path: str | Path) -> Review:
             f"the layout of this file is version {manifest['format']}, this reads version {FORMAT}"
         )
     stage, series = Stage.of(contents), metric_series(contents)
-    events, metrics, objects = _events(contents), metric_rows(series), object_rows(stage)
+    events, metrics, objects = log_lines(contents), metric_rows(series), object_rows(stage)
     if not stage.motions:
         missing.append("no poses")
     if not metrics:
         missing.append("no metrics")
     queries = recorded_queries(contents)
-    checks = _checks(result, metrics, objects, events)
-    checks += _planner(manifest, result, queries, lost_queries(contents, queries))
+    checks = execution_checks(result, metrics, objects, events)
+    checks += planner_check(manifest, result, queries, lost_queries(contents, queries))
     verdict, reason = _verdict(result, checks, damaged=damaged)
     if not contents.sealed and not damaged:
         reason += (
@@ -211,80 +214,6 @@ def _document(contents: Contents, path: str, missing: list[str]) -> dict[str, An
         missing.append(f"the {path} is not JSON: {error}")
         return {}
     return document if isinstance(document, dict) else {}
-
-
-def _events(contents: Contents) -> tuple[LogLine, ...]:
-    entity = contents.entities.get("log")
-    if entity is None:
-        return ()
-    times, texts = entity.over_time("TextLog:text")
-    levels = entity.over_time("TextLog:level")[1]
-    levels += [["INFO"]] * (len(texts) - len(levels))
-    return tuple(
-        LogLine(float(t), str(level[0]), str(x[0])) for t, x, level in zip(times, texts, levels, strict=True)
-    )
-
-
-def _checks(
-    result: Mapping[str, Any],
-    metrics: tuple[MetricRow, ...],
-    objects: tuple[ObjectRow, ...],
-    events: tuple[LogLine, ...],
-) -> tuple[Check, ...]:
-    rows = {row.name: row for row in metrics}
-    checks = []
-    for name, claim in (("clearance", "min_clearance_m"), ("tracking_error", "max_tracking_error_m")):
-        if result.get(claim) is not None and name not in rows:
-            checks.append(Check("evidence", False, f"the run claims a {claim}, the recording has no {name}"))
-    if (clearance := rows.get("clearance")) is not None:
-        where = f"smallest clearance {1e3 * clearance.minimum:.2f} mm at {clearance.time_of_minimum:.2f} s"
-        checks.append(Check("clearance", clearance.minimum >= 0.0, where))
-        claimed = result.get("min_clearance_m")
-        if isinstance(claimed, (int, float)) and not clearance.minimum >= claimed - _AGREEMENT_M:
-            text = (
-                f"the run claims {1e3 * claimed:.2f} mm, the recording shows {1e3 * clearance.minimum:.2f} mm"
-            )
-            checks.append(Check("claimed clearance", False, text))
-    if result.get("nothing_checked"):
-        text = "not measured: there is no collision geometry that could meet"
-        checks.append(Check("clearance", clearance is None, text))
-    if (tracking := rows.get("tracking_error")) is not None:
-        text = f"largest tracking error {1e3 * tracking.maximum:.3f} mm at {tracking.time_of_maximum:.2f} s"
-        limit = result.get("tracking_limit_m")
-        bounded = isinstance(limit, (int, float))
-        text += f", {1e3 * float(limit or 0.0):.2f} mm allowed" if bounded else ""
-        checks.append(Check("tracking", not bounded or tracking.maximum <= float(limit or 0.0), text))
-        claimed = result.get("max_tracking_error_m")
-        if isinstance(claimed, (int, float)) and not tracking.maximum <= claimed + _AGREEMENT_M:
-            text = (
-                f"the run claims {1e3 * claimed:.3f} mm, the recording shows {1e3 * tracking.maximum:.3f} mm"
-            )
-            checks.append(Check("claimed tracking", False, text))
-    # what is said before anything moves is about the plan
-    if (
-        any(line.time > 0 and line.level == "INFO" and _GRASP.search(line.text) for line in events)
-        and objects
-    ):
-        moved = [row for row in objects if row.moved > _MOVED_M or row.rose > _MOVED_M]
-        text = ", ".join(f"the {row.name} went {row.moved:.3f} m" for row in moved) or "no object was moved"
-        checks.append(Check("grasp", bool(moved), text))
-    errors = [line for line in events if line.level == "ERROR"]
-    text = f"{errors[0].text} ({errors[0].time:.2f} s)" if errors else "none in the log"
-    checks.append(Check("errors", not errors, text))
-    return tuple(checks)
-
-
-def _planner(
-    manifest: Mapping[str, Any], result: Mapping[str, Any], queries: tuple[Query, ...], lost: int
-) -> tuple[Check, ...]:
-    """Whether the ways are the planner's that the manifest names; nothing where it names none."""
-    planner, said = manifest.get("planner"), result.get("planner")
-    if planner is None:
-        return ()
-    if said not in (None, planner):
-        return (Check("planner", False, f"the manifest names {planner}, the run says {said}"),)
-    found = planned_by(queries, lost, str(planner))
-    return () if found is None else (Check("planner", *found),)
 
 
 def _verdict(result: Mapping[str, Any], checks: tuple[Check, ...], *, damaged: bool) -> tuple[str, str]:

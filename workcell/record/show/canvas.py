@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from workcell.pose import Array
@@ -9,6 +10,8 @@ from workcell.record.read.stage import PLAN_RGB, TRACE_RGB
 
 if TYPE_CHECKING:
     from workcell.record.read.review import Review
+
+Colour = tuple[float, float, float]
 
 _LABEL_OFFSETS = ((16, 15), (16, -17), (-38, 15), (-38, -17))
 _BLAMED = "#d03030"
@@ -29,7 +32,7 @@ class Sheet:
 
         self.width, self.height = width, height
         self.figure = Figure(figsize=(width / 100, height / 100), dpi=100, facecolor="white")
-        FigureCanvasAgg(self.figure)
+        self._renderer = FigureCanvasAgg(self.figure).get_renderer()
         self._page: Any = self.figure.add_axes((0, 0, 1, 1))
         self._page.set_axis_off()
 
@@ -48,6 +51,23 @@ class Sheet:
             parse_math=False,
             zorder=5,
         )
+        self._fit()
+
+    def words(self, x: float, y: float, parts: Sequence[tuple[str, Colour]], *, size: float) -> None:
+        """Words one behind the other, each in its colour."""
+        for words, colour in parts:
+            text = self._page.text(
+                x,
+                y,
+                words,
+                fontsize=0.72 * size,
+                color=colour,
+                weight="bold",
+                va="center",
+                parse_math=False,
+                zorder=5,
+            )
+            x += text.get_window_extent(self._renderer).width + size
         self._fit()
 
     def tile(self, picture: Array, corner: tuple[float, float]) -> None:
@@ -78,9 +98,7 @@ class Sheet:
             zorder=6,
         )
 
-    def badge(
-        self, words: str, place: Array, corner: tuple[float, float], rgb: tuple[float, float, float]
-    ) -> None:
+    def badge(self, words: str, place: Array, corner: tuple[float, float], rgb: Colour) -> None:
         """A few letters on a ground of a colour, at a point of a tile."""
         self._page.text(
             corner[0] + place[0],

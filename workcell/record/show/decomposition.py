@@ -26,7 +26,7 @@ from workcell.record.shapes import (
     piece_shape,
     polytope_shape,
 )
-from workcell.record.show.planner_view import COLOURS, box_edges
+from workcell.record.show.outline import box_edges, joined
 from workcell.record.show.studio import Studio
 
 if TYPE_CHECKING:
@@ -35,6 +35,17 @@ if TYPE_CHECKING:
 
 _ROBOT, _OBSTACLE = (0.82, 0.38, 0.04, 1.0), (*OBSTACLE_SPHERE_RGBA[:3], 0.45)
 _CUBOID, _POLYTOPE = (0.25, 0.65, 0.35, 0.14), (0.69, 0.16, 0.42, 0.14)
+COLOURS = (
+    (0.84, 0.15, 0.16),
+    (0.58, 0.40, 0.74),
+    (0.00, 0.58, 0.62),
+    (0.62, 0.52, 0.00),
+    (0.80, 0.30, 0.62),
+    (0.55, 0.34, 0.29),
+    (0.50, 0.50, 0.05),
+    (0.20, 0.20, 0.20),
+)
+"""Of the cuboids, in the order of their numbers."""
 _EDGE_RGB = (0.2, 0.2, 0.2)
 _DPI, _PANEL_PX = 100, 500
 _HEAD_PX, _ABOVE_PX, _BELOW_PX, _LEFT_PX, _RIGHT_PX = 62, 28, 50, 84, 16
@@ -157,10 +168,10 @@ def _panels(d: Decomposition, view: _View) -> tuple[_Panel, ...]:
     # obstacles are one see-through layer, in which only the nearest shows: outlines show those inside and behind
     outlines = tuple(Line(_outline(piece, view), _EDGE_RGB, 0.5, 0.15) for piece in _bounded(d))
     cuboids = [
-        Line(_joined(box_edges(low, high)), COLOURS[number % len(COLOURS)], 1.0, 0.45)
+        Line(joined(box_edges(low, high)), COLOURS[number % len(COLOURS)], 1.0, 0.45)
         for number, (low, high) in enumerate(zip(free.lower, free.upper, strict=True))
     ]
-    polytopes = [Line(_joined(_edges(solid_of(p))), _POLYTOPE[:3], 0.5, 0.45) for p in free.polytopes]
+    polytopes = [Line(joined(_edges(solid_of(p))), _POLYTOPE[:3], 0.5, 0.45) for p in free.polytopes]
     return (
         _Panel("Geometry", ("walls",), outlines),
         _Panel("Spheres", ("spheres", "obstacle_spheres"), ()),
@@ -219,12 +230,6 @@ def _outline(piece: Piece, view: _View) -> Array:
 
 def _edges(solid: Polytope) -> list[Array]:
     return list(solid.vertices[solid.edges])
-
-
-def _joined(edges: Iterable[Array]) -> Array:
-    """Points (k, 3) of one line that is interrupted between edges: drawn at once, which is much quicker."""
-    gap = np.full((1, 3), np.nan)
-    return np.concatenate([part for edge in edges for part in (edge, gap)])
 
 
 def _window_of_all(d: Decomposition) -> Array:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
+from workcell.record.read.cuboids import CUBOID_HEAD
 from workcell.record.read.queries import Query, own_cuboids, stage_rows, summary
 from workcell.record.read.ways import WAY_HEAD
 
@@ -27,19 +28,12 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers_from: int 
 
 
 def cuboid_section(review: Review) -> list[str]:
-    """Which cuboids each link was in; nothing where the recording does not tell."""
-    rows = [
-        (
-            escape(row.robot),
-            escape(row.link),
-            escape(row.words),
-            f"{row.outside:.0%}" if row.outside else "never",
-        )
-        for row in review.cuboids
-    ]
-    head = ("robot", "link", "inside cuboids (share of the time)", "partly in none")
-    title = f"<h2>Cuboids in use (of {review.free_cuboids})</h2>"
-    return [title, table(head, rows)] if rows else []
+    """Which cuboids decided where each link could be; nothing where the recording does not tell."""
+    if not (review.cuboid_words or review.cuboids):
+        return []
+    rows = [tuple(map(escape, (row.robot, row.link, *row.cells))) for row in review.cuboids]
+    title = f"<h2>Cuboids in use (of {review.free_cuboids})</h2><p>{escape(review.cuboid_words)}</p>"
+    return [title, *([table(("robot", "link", *CUBOID_HEAD), rows)] if rows else [])]
 
 
 def way_section(review: Review) -> list[str]:

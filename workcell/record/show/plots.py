@@ -26,7 +26,7 @@ _WIDE_ENOUGH = 0.015
 def plot_metrics(review: Review) -> Figure:
     """Panels over simulated time, with events as thin lines.
 
-    Clearance, tracking error, which cuboids the links are in, other metrics, joint positions. Last, over the
+    Clearance, tracking error, which cuboids decided, other metrics, joint positions. Last, over the
     solvers' steps, the rank residuals of their iterations.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -83,7 +83,7 @@ def _title(name: str) -> str:
 
 
 def _draw_cuboids(panel: Any, *, review: Review) -> None:
-    """A bar for each cuboid that a link is in, with its number, while it is in it; red below: a sphere is in none."""
+    """A bar for each cuboid that held a link, with its number, while it did; red below: a sphere is not all inside."""
     uses, end, lane = review.stage.uses, review.duration, 0
     several = len({use.robot for use in uses}) > 1
     ticks = {}
@@ -102,7 +102,7 @@ def _draw_cuboids(panel: Any, *, review: Review) -> None:
     panel.set_yticks(list(ticks), list(ticks.values()), fontsize=8)
     panel.set_ylim(lane, -0.5)
     panel.set_title(
-        "free-space cuboids that the links are in, by number (red: a sphere is wholly in none)",
+        f"{review.cuboid_words}, by number (red: a sphere is not wholly inside)",
         loc="left",
         fontsize=10,
     )

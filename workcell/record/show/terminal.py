@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from workcell.record.read.cuboids import CUBOID_HEAD
 from workcell.record.read.metrics import label_of, unit_of
 from workcell.record.read.paths import names_of
 from workcell.record.read.queries import own_cuboids, stage_rows, summary
@@ -43,7 +44,7 @@ def review_table(review: Review) -> Group:
         parts.append(Text.assemble(("  " + mark.ljust(7), style), f"{check.name}: {check.finding}"))
     if review.metrics:
         parts.append(_metrics_table(review))
-    if review.cuboids:
+    if review.cuboid_words or review.cuboids:
         parts += _cuboids(review)
     if review.queries:
         parts += [*_ways(review), *_solvers(review)]
@@ -80,18 +81,20 @@ def _cells(row: MetricRow) -> tuple[str, ...]:
 
 
 def _cuboids(review: Review) -> list[RenderableType]:
-    """Which cuboids each link was in."""
+    """Which cuboids decided where each link could be."""
     from rich.table import Table
     from rich.text import Text
 
+    head = Text.assemble((f"Cuboids in use (of {review.free_cuboids})", "bold"), f"  {review.cuboid_words}")
+    if not review.cuboids:
+        return [head]
     table = Table(title=None, box=None, pad_edge=True, header_style="bold")
-    for name in ("link", "inside cuboids (share of the time)", "partly in none"):
+    for name in ("link", *CUBOID_HEAD):
         table.add_column(name, overflow="fold")
     several = len({row.robot for row in review.cuboids}) > 1
     for row in review.cuboids:
-        name = f"{row.robot}/{row.link}" if several else row.link
-        table.add_row(name, row.words, f"{row.outside:.0%}" if row.outside else "never")
-    return [Text(f"Cuboids in use (of {review.free_cuboids})", style="bold"), table]
+        table.add_row(f"{row.robot}/{row.link}" if several else row.link, *row.cells)
+    return [head, table]
 
 
 def _ways(review: Review) -> list[RenderableType]:

@@ -19,9 +19,9 @@ def make_blueprint(
 ) -> Any:
     """The blueprint of a run.
 
-    Left: the run as it happened, a second tab with what the planner saw (spheres, cuboids, those in use coloured by
-    link), and a third with what the solvers did. Right: one time series for each metric and for the joints, the event
-    log, the result, and how many cuboids are in use.
+    Left: the run as it happened, a second tab with what the planner saw (spheres, cuboids, those that it had links in
+    coloured by link), and a third with what the solvers did. Right: one time series for each metric and for the joints,
+    the event log, the result, and in how many cuboids the planner had the links.
 
     Args:
         robots, objects: escaped names, as they stand in entity paths.
@@ -57,7 +57,7 @@ def make_blueprint(
     plots = [rrb.TimeSeriesView(origin=f"/metrics/{name}", name=name.replace("_", " ")) for name in metrics]
     events = rrb.TextLogView(origin="/log", name="events")
     result = rrb.TextDocumentView(origin="/result", name="result")
-    in_use = rrb.TimeSeriesView(origin=f"/metrics/{IN_USE}", name="cuboids in use")
+    in_use = rrb.TimeSeriesView(origin=f"/metrics/{IN_USE}", name="cuboids that decided")
     solvers = rrb.Vertical(
         rrb.TimeSeriesView(
             origin=f"/{RESIDUAL}", name=f"log10 of the rank residual (choose the timeline {SOLVER_STEP})"

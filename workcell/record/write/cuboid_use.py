@@ -1,21 +1,23 @@
-"""Which free-space cuboids the robots' links are inside, followed through a run and written where it changes."""
+"""The cuboids that decided: where the solver had the links at the waypoint that a robot is at, through a run."""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
-from workcell.geometry.free_space.cuboids import holds_spheres
-from workcell.geometry.types import FreeSpace, SphereCover
+import numpy as np
+
+from workcell.model.robot import Robot
 from workcell.model.scene_parts import SceneRobot
 from workcell.pose import Array
-from workcell.record.shapes import polytope_shape
+from workcell.record.write.free_solids import FreeSolids
 from workcell.record.write.rrd import Indexes, RrdWriter, entity
+from workcell.record.write.waypoints import Waypoint, Waypoints
 
-IN_USE, OUTSIDE = "cuboids_in_use", "spheres_in_no_cuboid"
-"""Names of the metrics: how many cuboids a robot is in, and how many of its moving spheres are wholly inside none."""
+IN_USE, OUTSIDE, BY = "cuboids_in_use", "spheres_outside", "outside_cuboids"
+"""Names of the metrics of a robot: how many cuboids the solver had its spheres in, how many of these spheres are not
+wholly inside their cuboid where the robot really is, and by how many metres the farthest sticks out (0: none)."""
 
-_FREE_RGBA = (0.25, 0.75, 0.35, 0.12)
 _LINK_RGB = (
     (0.12, 0.47, 0.71),
     (0.84, 0.15, 0.16),
@@ -30,140 +32,124 @@ _LINK_RGB = (
 _EDGE_M = 0.003
 _INSET_M = 0.006
 """Boxes are drawn so much smaller for each further link, so that links in one cuboid are all seen."""
+ROUNDING_M = 1e-6
+"""A sphere that sticks out by less is inside."""
+
+
+@dataclass(frozen=True, slots=True)
+class LinkState:
+    """Where the solver had a link's spheres: numbers of cuboids, and how many spheres are not wholly inside theirs."""
+
+    solids: tuple[int, ...] = ()
+    outside: int = 0
+
+
+@dataclass(slots=True)
+class _Follower:
+    """A robot with answered queries: its waypoints, and by link what was last told of it.
+
+    `outlined` are the links that were in a polytope some time.
+    """
+
+    robot: SceneRobot
+    waypoints: Waypoints = field(default_factory=Waypoints)
+    told: dict[int, LinkState] = field(default_factory=dict)
+    outlined: set[int] = field(default_factory=set)
 
 
 class CuboidUse:
-    """The cuboids of a recording, numbered as they come, and who is inside them.
+    """Follows the robots along their planned ways.
 
-    A sphere counts for one cuboid: it keeps the one it is in until it leaves it, and then goes to the one that holds
-    most of its link's spheres. That is geometry alone, whatever the planner was.
+    A configuration that was found among cuboids has each sphere of the robot in one of them: the solver's assignment,
+    which is what kept the robot clear. It is shown while the robot is nearer to this waypoint than to the others of
+    its way. Where the robot is on no way that queries answered, or the answer was not found among cuboids, no cuboid
+    decided, and none is shown.
     """
 
-    def __init__(self, writer: RrdWriter) -> None:
-        self._writer = writer
-        self._numbers: dict[bytes, int] = {}
-        self._bounds = np.zeros((2, 0, 3))
-        self._number = np.zeros(0, dtype=np.int64)
+    def __init__(self, writer: RrdWriter, solids: FreeSolids) -> None:
+        self._writer, self._solids = writer, solids
         self._followers: dict[str, _Follower] = {}
 
-    def add_free_space(self, free_space: FreeSpace) -> NDArray[np.int64]:
-        """Draws the cuboids and polytopes that are not yet there; returns the numbers of the cuboids."""
-        numbers, fresh = [], []
-        for lower, upper in zip(free_space.lower, free_space.upper, strict=True):
-            number, new = self._number_of(lower.tobytes() + upper.tobytes())
-            numbers.append(number)
-            if new:
-                fresh.append((lower, upper))
-                self._number = np.append(self._number, number)
-                self._writer.log_box(f"world/free_space/{number}", lower, upper, _FREE_RGBA)
-        if fresh:
-            self._bounds = np.concatenate([self._bounds, np.array(fresh).swapaxes(0, 1)], axis=1)
-        for polytope in free_space.polytopes:
-            number, new = self._number_of(polytope.A.tobytes() + polytope.b.tobytes())
-            if new:
-                shape = polytope_shape(polytope, np.array(_FREE_RGBA))
-                self._writer.log_shape(f"world/free_space/{number}", shape)
-        return np.array(numbers, dtype=np.int64)
-
-    def _number_of(self, key: bytes) -> tuple[int, bool]:
-        """The number of a solid, and whether it is a new one."""
-        new = key not in self._numbers
-        return self._numbers.setdefault(key, len(self._numbers)), new
-
-    @property
-    def count(self) -> int:
-        """Cuboids and polytopes so far."""
-        return len(self._numbers)
-
-    def add_cover(self, robot: SceneRobot, cover: SphereCover) -> None:
-        """Follow the moving spheres of a robot; a second cover takes the place of the first."""
-        follower = _Follower(robot, cover)
-        self._followers[robot.name] = follower
-        for link, name in follower.links.items():
-            rgb = _LINK_RGB[(link - 1) % len(_LINK_RGB)]
-            path = self._path(robot.name, name)
-            self._writer.log_box_style(path, (*rgb, 1.0), _EDGE_M)
-            self._writer.log_numbers(path, link=link)
-
-    @property
-    def robots(self) -> frozenset[str]:
-        """Names of the robots with a cover."""
-        return frozenset(self._followers)
+    def add_answer(self, robot: SceneRobot, waypoint: Waypoint) -> None:
+        """A robot's query was answered."""
+        follower = self._followers.setdefault(robot.name, _Follower(robot))
+        follower.waypoints.add(waypoint)
+        if waypoint.cover is None or waypoint.solids is None:
+            return
+        for link in np.unique(waypoint.cover.link[waypoint.solids >= 0]).tolist():
+            if link not in follower.told:
+                follower.told[link] = LinkState()
+                path, rgb = self._path(robot, link), _LINK_RGB[(link - 1) % len(_LINK_RGB)]
+                self._writer.log_box_style(path, (*rgb, 1.0), _EDGE_M)
+                self._writer.log_numbers(path, link=link)
 
     def send(self, indexes: Indexes, qpos: Array) -> None:
-        """Where every robot is at some times; qpos (T, nq)."""
-        if not self._bounds.size:
-            return
-        for name, follower in self._followers.items():
-            homes = follower.follow(qpos, self._bounds)
-            inside = homes >= 0
-            used = [len(np.unique(row[row >= 0])) for row in homes]
-            self._writer.send_scalars(
-                f"metrics/{IN_USE}/{entity(name)}", indexes, np.array(used, dtype=float)
-            )
-            outside = np.count_nonzero(~inside, axis=1).astype(float)
-            self._writer.send_scalars(f"metrics/{OUTSIDE}/{entity(name)}", indexes, outside)
-            for link, link_name in follower.links.items():
-                self._send_link(indexes, follower, link, self._path(name, link_name), homes)
-
-    def _send_link(
-        self, indexes: Indexes, follower: _Follower, link: int, path: str, homes: NDArray[np.int64]
-    ) -> None:
-        """The rows at which a link's cuboids, or the number of its spheres in none of them, change."""
-        mine = homes[:, follower.link == link]
-        rows, boxes, outside = [], [], []
-        for k, row in enumerate(mine):
-            found = np.unique(row)
-            state = (*found.tolist(), int(np.count_nonzero(row < 0)))
-            if follower.told.get(link) == state:
+        """Where every robot is at some times; qpos (T, nq). Robots that no cuboid decided about are left out."""
+        for follower in self._followers.values():
+            if not follower.told:
                 continue
-            follower.told[link] = state
-            used = found[found >= 0]
-            labels = [str(self._number[i]) for i in used]
-            rows.append(k)
-            lower, upper = self._bounds[:, used]
-            inset = np.minimum(_INSET_M * (link - 1), 0.25 * (upper - lower))
-            boxes.append((lower + inset, upper - inset, labels))
-            outside.append(state[-1])
-        if rows:
-            times, steps = indexes[0][rows], indexes[1][rows]
-            self._writer.send_boxes(path, (times, steps), boxes)
-            self._writer.send_numbers(path, (times, steps), spheres_outside=outside)
+            robot, q = follower.robot, qpos[:, follower.robot.qpos_addresses]
+            states: dict[int, list[LinkState]] = {link: [] for link in follower.told}
+            rows = []
+            for at, waypoint in zip(q, follower.waypoints.along(q), strict=True):
+                now, *measured = self._at(robot.robot, at, waypoint)
+                rows.append(measured)
+                for link, past in states.items():
+                    past.append(now.get(link, LinkState()))
+            for name, column in zip((IN_USE, OUTSIDE, BY), np.array(rows, dtype=float).T, strict=True):
+                self._writer.send_scalars(f"metrics/{name}/{entity(robot.name)}", indexes, column)
+            for link, past in states.items():
+                self._send_link(indexes, follower, link, past)
+
+    def _at(
+        self, robot: Robot, q: Array, waypoint: Waypoint | None
+    ) -> tuple[dict[int, LinkState], int, float, float]:
+        """The links' states at q (n,), and the three metrics; the last two are nan where no cuboid decided."""
+        if waypoint is None or waypoint.cover is None or waypoint.solids is None:
+            return {}, 0, np.nan, np.nan
+        cover, mine = waypoint.cover, np.flatnonzero(waypoint.solids >= 0)
+        if not len(mine):
+            return {}, 0, np.nan, np.nan
+        centres = cover.centres_world(robot.link_transforms(q))[mine]
+        solids, links, depth = waypoint.solids[mine], cover.link[mine], np.zeros(len(mine))
+        for number in np.unique(solids).tolist():
+            its = solids == number
+            depth[its] = self._solids[number].depth_outside(centres[its], cover.radius[mine][its])
+        out = depth > ROUNDING_M
+        states = {
+            link: LinkState(tuple(np.unique(solids[links == link]).tolist()), int(out[links == link].sum()))
+            for link in np.unique(links).tolist()
+        }
+        return states, len(np.unique(solids)), int(out.sum()), max(float(depth.max()), 0.0)
+
+    def _send_link(self, indexes: Indexes, follower: _Follower, link: int, past: Sequence[LinkState]) -> None:
+        """The rows at which a link's cuboids, or the number of its spheres outside of them, change."""
+        before = [follower.told[link], *past[:-1]]
+        rows = [k for k, state in enumerate(past) if state != before[k]]
+        if not rows:
+            return
+        follower.told[link] = past[-1]
+        path, index = self._path(follower.robot, link), (indexes[0][rows], indexes[1][rows])
+        changes = [past[k] for k in rows]
+        self._writer.send_boxes(path, index, [self._boxes(link, state.solids) for state in changes])
+        lines = [self._outlines(state.solids) for state in changes]
+        if link in follower.outlined or any(lines):
+            follower.outlined.add(link)
+            self._writer.send_strips(path, index, lines)
+        self._writer.send_lists(path, index, cuboids=[state.solids for state in changes])
+        self._writer.send_numbers(path, index, spheres_outside=[state.outside for state in changes])
+
+    def _boxes(self, link: int, solids: Sequence[int]) -> tuple[Array, Array, list[str]]:
+        """Lower and upper corners (k, 3) of the cuboids among solids, and their numbers."""
+        boxes = {number: box for number in solids if (box := self._solids[number].box) is not None}
+        lower, upper = np.array(list(boxes.values())).reshape(-1, 2, 3).swapaxes(0, 1)
+        inset = np.minimum(_INSET_M * (link - 1), 0.25 * (upper - lower))
+        return lower + inset, upper - inset, [str(number) for number in boxes]
+
+    def _outlines(self, solids: Sequence[int]) -> list[tuple[Array, str]]:
+        """Edges of the polytopes among solids, and their numbers."""
+        return [(self._solids[k].outline, str(k)) for k in solids if self._solids[k].box is None]
 
     @staticmethod
-    def _path(robot: str, link: str) -> str:
-        return f"world/{IN_USE}/{entity(robot, link)}"
-
-
-class _Follower:
-    """The moving spheres of one robot, and the cuboid that each is in."""
-
-    def __init__(self, robot: SceneRobot, cover: SphereCover) -> None:
-        moving = cover.link > 0
-        self._robot = robot
-        self._part = SphereCover(cover.link[moving], cover.centre[moving], cover.radius[moving])
-        self.link = self._part.link
-        self.links = {int(link): robot.robot.link_names[link] for link in np.unique(self.link)}
-        self.told: dict[int, tuple[int, ...]] = {}
-        self._home = np.full(len(self.link), -1, dtype=np.int64)
-        self._of_link = (self.link[:, None] == np.array(list(self.links))).astype(float)
-
-    def follow(self, qpos: Array, bounds: Array) -> NDArray[np.int64]:
-        """(T, m) index of the cuboid of each sphere, -1 in none; bounds (2, k, 3)."""
-        q = qpos[:, self._robot.qpos_addresses]
-        centres = self._part.centres_world(self._robot.robot.link_transforms(q))
-        radius, homes = self._part.radius[:, None], np.empty((len(q), len(self.link)), dtype=np.int64)
-        for k, at in enumerate(centres):
-            lower, upper = bounds[:, self._home]
-            out = (self._home < 0) | np.any((at - radius < lower) | (at + radius > upper), axis=1)
-            if out.any():
-                self._move(at, out, bounds)
-            homes[k] = self._home
-        return homes
-
-    def _move(self, centres: Array, out: NDArray[np.bool_], bounds: Array) -> None:
-        """New cuboids for the spheres that are out of theirs."""
-        held = holds_spheres(FreeSpace(bounds[0], bounds[1]), centres, self._part.radius)
-        fellows = self._of_link @ (self._of_link.T @ held)
-        score = np.where(held[out], fellows[out], -1.0)
-        self._home[out] = np.where(held[out].any(axis=1), score.argmax(axis=1), -1)
+    def _path(robot: SceneRobot, link: int) -> str:
+        return f"world/{IN_USE}/{entity(robot.name, robot.robot.link_names[link])}"

@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError, OutputError
 from workcell.files import to_json
@@ -22,6 +22,7 @@ from workcell.pose import Array
 from workcell.record.write.rrd import writing
 from workcell.record.write.scene_log import SceneLog
 from workcell.record.write.solver_log import SolverLog
+from workcell.record.write.waypoints import Waypoint
 
 if TYPE_CHECKING:
     from workcell.simulate.execution import Execution
@@ -152,17 +153,27 @@ class Recording(SceneLog):
         """
 
         def answered(problem: IKProblem, result: IKResult) -> None:
-            cuboids = None
+            solids = None
             if result.cuboids is not None and result.free_space is not None:
-                numbers = np.append(self._cuboids.add_free_space(result.free_space), -1)
-                cuboids = numbers[result.cuboids]
+                solids = self._solids.numbers(result.free_space, result.cuboids)
+            self._add_waypoint(problem, result, solids)
             when = (self._last_time, self._step(self._last_time))
-            self._solvers.add(what, problem, result, when, cuboids)
+            self._solvers.add(what, problem, result, when, solids)
             if clock.monotonic() - self._flushed_at >= _CHUNK_WALL_S:
                 self.flush()
 
         with observed(answered):
             yield
+        self._locate()
+
+    def _add_waypoint(self, problem: IKProblem, result: IKResult, solids: NDArray[np.int64] | None) -> None:
+        """What a query answered for one of the scene's robots, to be found again when the robot gets there."""
+        robot = self._robot_of(problem.robot)
+        if robot is None or result.q is None or not result.solved:
+            return
+        bounded = problem.max_step is not None or problem.max_link_rotation is not None
+        before = problem.q_reference if bounded and problem.q_reference is not None else result.q
+        self._cuboids.add_answer(robot, Waypoint(result.q, before, problem.cover, solids))
 
     def set_result(self, result: Mapping[str, Any]) -> None:
         """The run's summary: kept in the recording, so that a review needs no other file."""

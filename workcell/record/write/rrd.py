@@ -265,10 +265,11 @@ class RrdWriter:
         self._stream.reset_time()
 
     def log_box_style(self, path: str, rgba: Sequence[float], radius: float) -> None:
-        """Colour and thickness of the edges of the boxes that `send_boxes` draws."""
+        """Colour and thickness of the edges of the boxes that `send_boxes` draws, and of the lines of `send_strips`."""
         edges = self._rr.components.FillMode.MajorWireframe
         style = self._rr.Boxes3D.from_fields(colors=[colour_bytes(rgba)], radii=[radius], fill_mode=edges)
         self.log(path, style)
+        self.log_line_style(path, rgba, radius)
 
     def log_numbers(self, path: str, **values: int) -> None:
         """Numbers that no view draws, by name."""
@@ -284,6 +285,19 @@ class RrdWriter:
             half_sizes=(upper - lower) / 2, centers=(upper + lower) / 2, labels=labels
         )
         self._send(path, indexes, columns.partition([len(row[2]) for row in boxes]))
+
+    def send_strips(self, path: str, indexes: Indexes, rows: Sequence[Sequence[tuple[Array, str]]]) -> None:
+        """For each time some lines through points (k, 3) with labels, in place of those before."""
+        lines, labels = [line for row in rows for line, _ in row], [label for row in rows for _, label in row]
+        columns = self._rr.LineStrips3D.columns(strips=lines, labels=labels)
+        self._send(path, indexes, columns.partition([len(row) for row in rows]))
+
+    def send_lists(self, path: str, indexes: Indexes, **values: Sequence[Sequence[int]]) -> None:
+        """Whole numbers over time, as many as it may be, that no view draws, by name."""
+        for name, rows in values.items():
+            flat = np.array([value for row in rows for value in row], dtype=np.int64)
+            columns = self._rr.AnyValues.columns(**{name: flat})
+            self._send(path, indexes, columns.partition([len(row) for row in rows]))
 
     def send_numbers(self, path: str, indexes: Indexes, **values: Sequence[int]) -> None:
         """Numbers over time that no view draws, by name."""

@@ -21,6 +21,7 @@ from workcell.record.shapes import OBSTACLE_SPHERE_RGBA, ROBOT_SPHERE_RGBA, piec
 from workcell.record.write import scenery
 from workcell.record.write.blueprint import make_blueprint
 from workcell.record.write.cuboid_use import CuboidUse
+from workcell.record.write.free_solids import FreeSolids
 from workcell.record.write.rrd import RrdWriter, entity
 from workcell.record.write.tracks import BodyPoses, Track
 
@@ -70,7 +71,9 @@ class SceneLog:
         self._poses: BodyPoses | None = None
         self._timestep = 0.002
         self._trace_ends: dict[str, Array] = {}
-        self._cuboids = CuboidUse(self._writer)
+        self._covered: set[str] = set()
+        self._solids = FreeSolids(self._writer)
+        self._cuboids = CuboidUse(self._writer, self._solids)
         self._here: tuple[Array, Array] | None = None
 
     def flush(self) -> None:
@@ -169,20 +172,17 @@ class SceneLog:
             self._writer.log_spheres(
                 path, centres, cover.radius[mine], ROBOT_SPHERE_RGBA, self._carriers[body]
             )
-        self._cuboids.add_cover(robot, cover)
-        self._locate()
+        self._covered.add(robot.name)
         self.flush()
 
     def log_free_space(self, free_space: FreeSpace) -> None:
         """The cuboids, each with its number, and then the polytopes.
 
-        Another free space adds to the first: its cuboids get the numbers that follow, those already there keep
-        theirs. With a cover (`log_cover`), the recording shows from then on which cuboids the links are inside.
+        Another free space adds to the first: its cuboids get the numbers that follow, those already there keep theirs.
         """
-        before = self._cuboids.count
-        self._cuboids.add_free_space(free_space)
-        if self._cuboids.count > before:
-            self._locate()
+        before = len(self._solids)
+        self._solids.add(free_space)
+        if len(self._solids) > before:
             self.flush()
 
     def log_world(self, world: PlanningWorld) -> None:
@@ -192,7 +192,7 @@ class SceneLog:
         are free of that world's obstacles; what moves may enter them in another.
         """
         self.log_free_space(world.free_space)
-        if world.robot.name not in self._cuboids.robots:
+        if world.robot.name not in self._covered:
             self.log_cover(world.robot, world.cover, world.scene.initial_qpos())
 
     def log_obstacle_cover(self, cover: SphereCover) -> None:
@@ -253,10 +253,18 @@ class SceneLog:
         self._cuboids.send(indexes, qpos)
 
     def _locate(self) -> None:
-        """Write which cuboids the robots were in last: what has become known since then may change it."""
+        """Write which cuboids decided where the robots are: queries answered since they came there may tell."""
         if self._here is not None:
             times, qpos = self._here
             self._cuboids.send((times, self._step(times)), qpos)
+
+    def _robot_of(self, robot: Robot) -> SceneRobot | None:
+        """The robot of the scene that a query was about: of those with the same joints, the one that stands there."""
+        alike = [own for own in self._robots.values() if own.robot.joint_names == robot.joint_names]
+        base = robot.T_world_base.matrix
+        return min(
+            alike, key=lambda own: float(np.abs(own.robot.T_world_base.matrix - base).max()), default=None
+        )
 
     def _send_trace(self, path: str, indexes: tuple[Array, Any], where: Array) -> None:
         """The stretch of the tool's way in each frame, joined to the frame before."""

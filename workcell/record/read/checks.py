@@ -1,0 +1,89 @@
+"""What a reviewer works out from a recording, against what the run says of itself."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from workcell.record.read.log import LogLine
+from workcell.record.read.metrics import MetricRow, ObjectRow
+from workcell.record.read.queries import Query
+from workcell.record.read.ways import planned_by
+
+_GRASP = re.compile(r"\b(grasp|held)", re.IGNORECASE)
+_MOVED_M = 0.01
+_AGREEMENT_M = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """Something the reviewer worked out from the recording, not from what the run says of itself."""
+
+    name: str
+    passed: bool
+    finding: str
+
+
+def execution_checks(
+    result: Mapping[str, Any],
+    metrics: tuple[MetricRow, ...],
+    objects: tuple[ObjectRow, ...],
+    events: tuple[LogLine, ...],
+) -> tuple[Check, ...]:
+    """Of what was executed: clearance, tracking, grasps, errors."""
+    rows = {row.name: row for row in metrics}
+    checks = []
+    for name, claim in (("clearance", "min_clearance_m"), ("tracking_error", "max_tracking_error_m")):
+        if result.get(claim) is not None and name not in rows:
+            checks.append(Check("evidence", False, f"the run claims a {claim}, the recording has no {name}"))
+    if (clearance := rows.get("clearance")) is not None:
+        where = f"smallest clearance {1e3 * clearance.minimum:.2f} mm at {clearance.time_of_minimum:.2f} s"
+        checks.append(Check("clearance", clearance.minimum >= 0.0, where))
+        claimed = result.get("min_clearance_m")
+        if isinstance(claimed, (int, float)) and not clearance.minimum >= claimed - _AGREEMENT_M:
+            text = (
+                f"the run claims {1e3 * claimed:.2f} mm, the recording shows {1e3 * clearance.minimum:.2f} mm"
+            )
+            checks.append(Check("claimed clearance", False, text))
+    if result.get("nothing_checked"):
+        text = "not measured: there is no collision geometry that could meet"
+        checks.append(Check("clearance", clearance is None, text))
+    if (tracking := rows.get("tracking_error")) is not None:
+        text = f"largest tracking error {1e3 * tracking.maximum:.3f} mm at {tracking.time_of_maximum:.2f} s"
+        limit = result.get("tracking_limit_m")
+        bounded = isinstance(limit, (int, float))
+        text += f", {1e3 * float(limit or 0.0):.2f} mm allowed" if bounded else ""
+        checks.append(Check("tracking", not bounded or tracking.maximum <= float(limit or 0.0), text))
+        claimed = result.get("max_tracking_error_m")
+        if isinstance(claimed, (int, float)) and not tracking.maximum <= claimed + _AGREEMENT_M:
+            text = (
+                f"the run claims {1e3 * claimed:.3f} mm, the recording shows {1e3 * tracking.maximum:.3f} mm"
+            )
+            checks.append(Check("claimed tracking", False, text))
+    # what is said before anything moves is about the plan
+    if (
+        any(line.time > 0 and line.level == "INFO" and _GRASP.search(line.text) for line in events)
+        and objects
+    ):
+        moved = [row for row in objects if row.moved > _MOVED_M or row.rose > _MOVED_M]
+        text = ", ".join(f"the {row.name} went {row.moved:.3f} m" for row in moved) or "no object was moved"
+        checks.append(Check("grasp", bool(moved), text))
+    errors = [line for line in events if line.level == "ERROR"]
+    text = f"{errors[0].text} ({errors[0].time:.2f} s)" if errors else "none in the log"
+    checks.append(Check("errors", not errors, text))
+    return tuple(checks)
+
+
+def planner_check(
+    manifest: Mapping[str, Any], result: Mapping[str, Any], queries: Sequence[Query], lost: int
+) -> tuple[Check, ...]:
+    """Whether the ways are the planner's that the manifest names; nothing where it names none."""
+    planner, said = manifest.get("planner"), result.get("planner")
+    if planner is None:
+        return ()
+    if said not in (None, planner):
+        return (Check("planner", False, f"the manifest names {planner}, the run says {said}"),)
+    found = planned_by(queries, lost, str(planner))
+    return () if found is None else (Check("planner", *found),)

@@ -104,7 +104,7 @@ def test_the_cuboids_that_ikspark_assigns_hold_the_spheres(seed: int) -> None:
         assert cuboids is not None
         last = list(ascend(cuboids, instance.lift.lift(q)))[-1]
         assert last.rank_one
-        assigned = np.array(cuboids.best())
+        assigned = np.array([cuboids.best()[j] for j in range(np.count_nonzero(cover.link > 0))])
         found = instance.lift.angles(last.x, goal_vector(problem.T_base_tool))
     held = holds_spheres(space, cover.centres_world(robot.link_transforms(found)), cover.radius - 1e-3)
     moving = np.flatnonzero(cover.link > 0)

@@ -8,7 +8,6 @@ points that were found (the paper's biased seeds).
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,22 +17,14 @@ from workcell.ik.ikspark.obstacles.centres import moving_maps
 from workcell.ik.ikspark.obstacles.cuboids import CuboidSet, Home
 from workcell.ik.ikspark.obstacles.growing import Room
 from workcell.ik.ikspark.obstacles.pairs import region_pairs
+from workcell.ik.ikspark.obstacles.rounding import Rounding
 from workcell.ik.ikspark.rank import linearise
 from workcell.ik.ikspark.search import Reached, Search
 from workcell.ik.result import Candidate
-from workcell.ik.shared.convex import KEEP_OFF
 from workcell.pose import Array
 
 ROUNDS = 6
 """Ascents with ever more rows, after one whose point leaves a sphere outside of every region."""
-
-
-@dataclass(slots=True)
-class Decisions:
-    """What one restart has decided: which spheres have rows, and which of those are in one region for good."""
-
-    active: list[int] = field(default_factory=list)
-    fixed: dict[int, int] = field(default_factory=dict)
 
 
 class AmongCuboids:
@@ -65,11 +56,11 @@ class AmongCuboids:
         """One restart: an ascent, then others with rows for the spheres that are in no region."""
         search, lift = self._search, self._instance.lift
         first = reached = search.attempt(self._instance, search.direction(lift))
-        decisions, convex = Decisions(), None
+        rounding, convex = Rounding(self._maps, self._needed), None
         for _ in range(ROUNDS):
             if reached.x is None or self._is_settled(reached) or search.over():
                 break
-            homes = self._homes(reached.x, decisions, convex)
+            homes = self._homes(reached.x, rounding, convex)
             if not homes:
                 break
             convex = CuboidSet(self._instance, self.room.regions, homes)
@@ -104,47 +95,28 @@ class AmongCuboids:
         if self.room.clear(centres[outside], self._needed[outside]).all():
             self._grow(centres[outside], self._needed[outside])
             outside = self._outside(centres)
-            if outside.any():
-                self.room.add_polytopes(centres[outside], self._needed[outside])
-                self._search.stages.add("polytopes grown", note=f"{outside.sum()} spheres fit into no cuboid")
-                outside = self._outside(centres)
         if outside.any():
             self.spare = reached.q if self.spare is None else self.spare
         return not outside.any()
 
-    def _grow(self, centres: Array, needed: Array) -> None:
-        self.room.grow(centres, needed)
-        note = f"for {len(centres)} spheres in none; now {len(self.room.free_space)}"
+    def _grow(self, centres: Array, needed: Array) -> bool:
+        """Whether the free space has changed."""
+        changed, there = self.room.grow(centres, needed), self.room.free_space
+        note = f"for {len(centres)} spheres in none; now {len(there)} and {len(there.polytopes)} polytopes"
         self._search.stages.add("cuboids grown", note=note)
+        return changed
 
-    def _homes(self, x: Array, decisions: Decisions, convex: CuboidSet | None) -> list[Home]:
+    def _homes(self, x: Array, rounding: Rounding, last: CuboidSet | None) -> list[Home]:
         """Spheres that get rows, with the regions that each may be in; none where nothing more can be demanded."""
         centres = self._maps[..., :-1] @ x + self._maps[..., -1]
         outside = np.flatnonzero(self._outside(centres))
-        if len(outside):
-            self._grow(centres[outside], self._needed[outside])
-            outside = np.flatnonzero(self._outside(centres))
         if not len(outside):
             return []
+        if self._grow(centres[outside], self._needed[outside]):
+            rounding.forget_regions()
+            last = None
+            outside = np.flatnonzero(self._outside(centres))
         regions = self.room.regions
         allowed = region_pairs(self._problem, regions)
-        if not allowed[outside].any(axis=1).all():
-            return []
-        depth = np.where(allowed, regions.depths(centres, self._needed), np.inf)
-        shares = (
-            {} if convex is None else dict(zip((h.sphere for h in convex.homes), convex.best(), strict=True))
-        )
-        for j in outside.tolist():
-            if j in decisions.active:
-                decisions.fixed[j] = int(depth[j].argmin()) if j in decisions.fixed else shares[j]
-            else:
-                decisions.active.append(j)
-        return [
-            Home(
-                j,
-                self._maps[j],
-                float(self._needed[j]) + KEEP_OFF,
-                (decisions.fixed[j],) if j in decisions.fixed else tuple(np.flatnonzero(allowed[j]).tolist()),
-            )
-            for j in decisions.active
-        ]
+        rounding.demand(outside, np.where(allowed, regions.depths(centres, self._needed), np.inf), last)
+        return rounding.homes(allowed)

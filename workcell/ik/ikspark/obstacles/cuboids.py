@@ -85,11 +85,12 @@ class CuboidSet:
         """The meaning of x."""
         return self._instance.lift
 
-    def best(self) -> list[int]:
+    def best(self) -> dict[int, int]:
         """For each sphere, the region that had the largest share of it at the last solve."""
-        return [
-            home.regions[int(share.argmax())] for home, share in zip(self.homes, self.shares, strict=True)
-        ]
+        return {
+            home.sphere: home.regions[int(share.argmax())]
+            for home, share in zip(self.homes, self.shares, strict=True)
+        }
 
     def _build(self, tolerance: float) -> ConicSolver:
         ties, inside = SparseRows(), SparseRows()

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from workcell.bench.rows import Bench, Row
-from workcell.bench.runs import killed, recording, tracking
+from workcell.bench.runs import killed, planners, recording, tracking
 from workcell.errors import WorkcellError
 
 _TIMEOUT_S = 900.0
@@ -138,6 +138,7 @@ def tasks(n: int, seed: int, sets: Path | None) -> list[Row]:
 BENCHES = [
     Bench("shelf-grasp", 10, "the whole task, one process a seed, the first from empty caches", shelf_grasp),
     Bench("tasks", 20, "every task and arm, one process a seed, the first from empty caches", tasks),
+    *planners.BENCHES,
     *tracking.BENCHES,
     *killed.BENCHES,
     *recording.BENCHES,

@@ -1,4 +1,4 @@
-"""The bench of planners: every moving task, whose configurations, and the time against `auto`'s of the same seed."""
+"""The bench of planners: whose the configurations of every moving task are, and the time against `auto`."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""From shares of several regions to one region for each sphere: which spheres get rows, and which region is theirs.
+"""From shares of several regions to one region a sphere: which spheres get rows, and which region is theirs.
 
 Rank 1 does not make the deltas of (69) whole: a sphere may be between two regions, in the hull of both. Such a sphere
 is put into the region that has the largest share of it, for the rest of the restart.

@@ -50,7 +50,9 @@ def test_the_summary_file_says_the_same(outcome):
 def test_the_recording_alone_tells_it(outcome):
     result, _ = outcome
     seen = review(result.recording)
-    assert seen.achieved
+    assert seen.achieved and seen.manifest["planner"] == "ikspark"
+    assert [check.passed for check in seen.checks if check.name == "planner"] == [True]
+    assert all(row.in_cuboids == row.queries for row in seen.ways) and len(seen.ways) == 4
     mug, cup = (next(row for row in seen.objects if row.name == name) for name in ("mug", "cup"))
     assert mug.moved > 0.25 and mug.rose > 0.03 and cup.moved < 1e-4
     assert np.linalg.norm(np.array(mug.final_position) - seen.stage.traces["sawyer"][1][-1]) < 0.06

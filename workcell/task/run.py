@@ -86,7 +86,7 @@ def run_task(
     recording_path, summary_path = folder / f"{name}.rrd", folder / f"{name}.json"
     check_writable(recording_path)
     check_writable(summary_path)
-    recording = Recording(recording_path, task=name, seed=seed)
+    recording = Recording(recording_path, task=name, seed=seed, planner=planner)
     job = Job(scene, planner, controller, seed, recording, say, summary, began)
     compiled_before = compiling_seconds()
     announce_compiling(lambda: say("compiling kernels: once on this machine, a minute or two"))

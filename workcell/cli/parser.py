@@ -121,7 +121,8 @@ def _add_running(commands: Commands) -> None:
         "--planner",
         default="ikspark",
         metavar="NAME",
-        help=f"solver of the configurations and the path: {', '.join(planner_names())} (default: ikspark)",
+        help=f"solver of the configurations and the path: {', '.join(planner_names())} (default: ikspark); "
+        "the other solvers answer single poses (`solve --solver`), and plan no motion",
     )
     run.add_argument(
         "--controller",

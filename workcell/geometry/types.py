@@ -181,6 +181,7 @@ class FreeSpace:
         polytopes: where cuboids fit badly.
         admissible: (m, k) of some cover of m spheres, False where a sphere is never inside a cuboid; None: not
             computed.
+        table_key: what `admissible` is true of: a hash of robot, cover and cuboids (`check_table`).
     """
 
     lower: Array
@@ -190,6 +191,7 @@ class FreeSpace:
     skipped_seeds: int = 0
     polytopes: tuple[FreePolytope, ...] = ()
     admissible: NDArray[np.bool_] | None = None
+    table_key: bytes = b""
 
     def __post_init__(self) -> None:
         if self.margin is not None:

@@ -12,7 +12,13 @@ from hypothesis import strategies as st
 
 from tests.ik.arms import random_arm
 from workcell.errors import InputError
-from workcell.geometry.free_space.admissible import admissible_pairs, load_table, save_table, with_table
+from workcell.geometry.free_space.admissible import (
+    admissible_pairs,
+    check_table,
+    load_table,
+    save_table,
+    with_table,
+)
 from workcell.geometry.free_space.cuboids import holds_spheres
 from workcell.geometry.types import FreeSpace, SphereCover
 from workcell.model.loading.load import load_robot
@@ -79,5 +85,17 @@ def test_a_table_comes_back_from_its_file_and_only_for_its_own(tmp_path: Path) -
         load_table(path, robot, cover, space)
     with pytest.raises(InputError, match="no table"):
         save_table(path, robot, cover, space)
+    other = replace(cover, radius=cover.radius + 0.001)
+    check_table(robot, cover, kept)
+    check_table(robot, other, space)  # no table, nothing to refuse
+    for changed in (
+        (robot, other, kept),
+        (load_robot("sawyer"), cover, kept),
+        (robot, cover, replace(kept, upper=kept.upper + 1)),
+    ):
+        with pytest.raises(InputError, match="table of pairs is of another"):
+            check_table(*changed)
+        with pytest.raises(InputError, match="with_table"):
+            save_table(path, *changed)
     with pytest.raises(InputError, match="a column for each cuboid"):
         replace(space, admissible=np.ones((3, 3), dtype=bool))

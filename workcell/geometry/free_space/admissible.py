@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from workcell.errors import InputError, OutputError
 from workcell.geometry.types import FreeSpace, SphereCover
+from workcell.identity_cache import ByIdentity
 from workcell.model.robot import LIMIT_SLACK, Robot
 from workcell.pose import Array
 
@@ -25,6 +26,8 @@ _CELLS = 4096
 """Cells that the first joints' ranges are cut into, at most."""
 _JOINTS = 3
 _ROUNDING = 1e-9
+_known = ByIdentity()
+"""Whether tables are of the robot and cover that they were asked about."""
 
 
 def admissible_pairs(robot: Robot, cover: SphereCover, free_space: FreeSpace) -> NDArray[np.bool_]:
@@ -101,19 +104,44 @@ def _ball(
 
 def with_table(robot: Robot, cover: SphereCover, free_space: FreeSpace) -> FreeSpace:
     """The same free space with its table, which the convex planners then start from."""
-    return replace(free_space, admissible=admissible_pairs(robot, cover, free_space))
+    return _with(admissible_pairs(robot, cover, free_space), robot, cover, free_space)
+
+
+def _with(table: NDArray[np.bool_], robot: Robot, cover: SphereCover, free_space: FreeSpace) -> FreeSpace:
+    return replace(free_space, admissible=table, table_key=_key(robot, cover, free_space))
+
+
+def check_table(robot: Robot, cover: SphereCover, free_space: FreeSpace, where: str = "free_space") -> None:
+    """Refuses a table of another robot, cover or free space: it would rule out what is possible.
+
+    Raises:
+        InputError: the free space has a table, which is not of these.
+    """
+    if free_space.admissible is None:
+        return
+    if not _known.get(
+        (robot, cover, free_space), lambda: free_space.table_key == _key(robot, cover, free_space)
+    ):
+        raise InputError(
+            f"the free space's table of pairs is of another robot, cover or free space than this one of {len(cover)} "
+            f"spheres and {len(free_space)} cuboids",
+            where=f"{where}.admissible",
+            remedy="make it for these (workcell.geometry.free_space.admissible.with_table)",
+        )
 
 
 def save_table(path: str | Path, robot: Robot, cover: SphereCover, free_space: FreeSpace) -> Path:
     """Write the table of a free space as `.npz`, with a hash of what it is true of.
 
     Raises:
-        InputError: the free space has no table. OutputError: the file can't be written.
+        InputError: the free space has no table, or one of another robot or cover.
+        OutputError: the file can't be written.
     """
     if free_space.admissible is None:
         raise InputError("this free space has no table", remedy="use with_table first")
     path, buffer = Path(path), io.BytesIO()
-    key = np.frombuffer(_key(robot, cover, free_space), dtype=np.uint8)
+    check_table(robot, cover, free_space)
+    key = np.frombuffer(free_space.table_key, dtype=np.uint8)
     np.savez_compressed(buffer, key=key, admissible=np.packbits(free_space.admissible))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -139,7 +167,7 @@ def load_table(path: str | Path, robot: Robot, cover: SphereCover, free_space: F
     if key != _key(robot, cover, free_space) or bits.shape != ((count + 7) // 8,):
         raise InputError("this table is of another robot, cover or free space", where=path, remedy=remedy)
     table = np.unpackbits(bits, count=count).astype(bool).reshape(len(cover), len(free_space))
-    return replace(free_space, admissible=table)
+    return _with(table, robot, cover, free_space)
 
 
 def _key(robot: Robot, cover: SphereCover, free_space: FreeSpace) -> bytes:

@@ -30,14 +30,13 @@ def still_free(free_space: FreeSpace, obstacles: Sequence[Piece]) -> FreeSpace:
     if free.all() and len(polytopes) == len(free_space.polytopes):
         return free_space
     known = np.full(len(free), np.inf) if free_space.margin is None else free_space.margin
-    table = free_space.admissible
     return replace(
         free_space,
         lower=free_space.lower[free],
         upper=free_space.upper[free],
         margin=np.minimum(known, margin)[free],
         polytopes=polytopes,
-        admissible=None if table is None else table[:, free],
+        admissible=None,
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -27,6 +26,10 @@ UNMEASURED = 2
 RECIPE = "the paper's recipe"
 UNPRUNED = f"{RECIPE}, every pair kept"
 ALONE = "ikspark in cuboids alone"
+_GROWING = "cuboids grown"
+"""The stage in which the solver adds regions."""
+_BUILDERS = {"ikspark.sdps", "ikspark+lm.sdps"}
+"""Counts by which a result is one of IKSPARK's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,11 +49,6 @@ def answers(cells: Sequence[Cell], method: str, seed: int) -> list[IKResult]:
     return [_answer(cell.problem, method, problem_seed(seed, str(k))) for k, cell in enumerate(cells)]
 
 
-def is_known(method: str) -> bool:
-    """Whether the solver can be told to work as the method does."""
-    return method != ALONE or "fallback" in inspect.signature(solve_ikspark).parameters
-
-
 def _answer(problem: IKProblem, method: str, seed: int) -> IKResult:
     if method in (RECIPE, UNPRUNED):
         return solve_by_recipe(problem, seed, pruned=method == RECIPE)
@@ -60,8 +58,8 @@ def _answer(problem: IKProblem, method: str, seed: int) -> IKResult:
 def _in_cuboids_alone(problem: IKProblem, seed: int) -> IKResult:
     """What the solver finds with every sphere in a region of free space, and nothing else to fall back on."""
     prepare(problem)
-    began, options = clock.cpu_seconds(), {"fallback": False}
-    candidate = solve_ikspark(problem, BUDGET, seed, **options)
+    began = clock.cpu_seconds()
+    candidate = solve_ikspark(problem, BUDGET, seed, fallback=False)
     verdict = verify(problem, candidate.q) if candidate.q is not None else Verification()
     stats = {f"ikspark.{name}": float(value) for name, value in candidate.stats.items()}
     return IKResult(
@@ -73,27 +71,31 @@ def _in_cuboids_alone(problem: IKProblem, seed: int) -> IKResult:
         clearance=verdict.clearance,
         stats={**stats, "cpu_s": clock.cpu_seconds() - began},
         rejected=(*candidate.rejected, *verdict.reasons),
+        stages=candidate.stages,
         cuboids=candidate.cuboids,
         free_space=candidate.free_space,
     )
 
 
 def cell_row(name: str, results: Sequence[IKResult], paper: Paper | None = None) -> Row:
-    """A row of Table VI; means are over all cells, errors over those solved. None: the method has no such figure."""
-    build = _mean(results, "build_cpu_s")
-    whole = float(np.mean([result.stats["cpu_s"] for result in results]))
+    """A row of Table VI; means are over all cells, errors over those solved. None: the method has no such figure.
+
+    `in_cuboids` is the share answered with every sphere in a region of free space, `cuboids` how many regions those
+    cells have. The recipe builds before it solves; what the solver spends on regions as it goes along is its building.
+    """
+    build, cuboids = [_building(result) for result in results], [_regions(result) for result in results]
+    spent = [float(result.stats["cpu_s"]) for result in results]
     solved = [result for result in results if result.solved]
     published = paper or Paper()
     columns = {
-        "built": _mean(results, "built"),
-        "cuboids": _mean(results, "cuboids"),
-        "programs": _mean(results, "sdps"),
-        "build_ms": None if build is None else 1e3 * build,
-        "solve_ms": 1e3 * (whole - (build or 0.0)),
-        "position_error_m": float(np.mean([result.position_error for result in solved])) if solved else None,
-        "rotation_error_rad": float(np.mean([result.rotation_error for result in solved]))
-        if solved
-        else None,
+        "built": _mean([_counted(result, "built") for result in results]),
+        "in_cuboids": None if None in build else float(np.mean([_is_in_cuboids(r) for r in results])),
+        "cuboids": _mean(cuboids),
+        "programs": _mean([_counted(result, "sdps") for result in results]),
+        "build_ms": _mean([None if b is None else 1e3 * b for b in build]),
+        "solve_ms": _mean([1e3 * (s - (b or 0.0)) for s, b in zip(spent, build, strict=True)]),
+        "position_error_m": _mean([result.position_error for result in solved]),
+        "rotation_error_rad": _mean([result.rotation_error for result in solved]),
         "paper_solve_s": published.solve_s,
         "paper_built": published.built,
         "paper_build_s": published.build_s,
@@ -101,11 +103,31 @@ def cell_row(name: str, results: Sequence[IKResult], paper: Paper | None = None)
     return row_of(name, results, paper=published.solved, extra=columns)
 
 
-def _mean(results: Sequence[IKResult], count: str) -> float | None:
-    """The mean of what the solvers counted under a name; None where none did."""
-    told = [
-        sum(value for name, value in result.stats.items() if name.endswith(f".{count}"))
-        for result in results
-        if any(name.endswith(f".{count}") for name in result.stats)
-    ]
-    return float(np.mean(told)) if told else None
+def _mean(values: Sequence[float | None]) -> float | None:
+    """Of those that are known; None where none is."""
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
+
+
+def _counted(result: IKResult, count: str) -> float | None:
+    """What a solver counted under a name, added up over those that took part; None where none did."""
+    told = [value for name, value in result.stats.items() if name.endswith(f".{count}")]
+    return sum(told) if told else None
+
+
+def _is_in_cuboids(result: IKResult) -> bool:
+    return result.solved and result.free_space is not None
+
+
+def _regions(result: IKResult) -> float | None:
+    """Cuboids and polytopes of a cell; None where it was not answered among such."""
+    space = result.free_space
+    return None if space is None else float(len(space) + len(space.polytopes))
+
+
+def _building(result: IKResult) -> float | None:
+    """CPU seconds that went into regions of free space; None of a method that has none."""
+    if result.stats.keys().isdisjoint(_BUILDERS):
+        return None
+    told = _counted(result, "build_cpu_s")
+    return sum(stage.cpu_s for stage in result.stages if stage.name == _GROWING) if told is None else told

@@ -8,6 +8,7 @@ points that were found (the paper's biased seeds).
 from __future__ import annotations
 
 from contextlib import ExitStack
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +50,9 @@ class AmongCuboids:
 
     @property
     def exhausted(self) -> bool:
-        """Whether its share of the work is done, or there is an answer that no region holds."""
+        """Whether another way has its turn: the share of the work is done, or no region holds an answer."""
+        if self._most == inf:
+            return False
         return self.spare is not None or self._search.stats["sdps"] >= self._most
 
     def climb(self) -> Reached:

@@ -126,11 +126,16 @@ def _dof_rows(n: int, seed: int, sets: Path | None) -> list[Row]:
 def _two_phase_row(label: str, robot: Robot, targets: list[Pose], batch: int, seed: int) -> Row:
     """The paper's algorithm, once for each target; the best of what it returns."""
 
+    sweeps: dict[int, int] = {}
+
     def solve(k: int) -> Array:
-        best: Array = solve_two_phase(robot, targets[k], batch, seed=seed + k).q[0]
+        solution = solve_two_phase(robot, targets[k], batch, seed=seed + k)
+        sweeps[k] = solution.sweeps
+        best: Array = solution.q[0]
         return best
 
-    return _row(f"{label}/two phases (paper)", robot, targets, solve)
+    row = _row(f"{label}/two phases (paper)", robot, targets, solve)
+    return row | {"sweeps_mean": float(np.mean(list(sweeps.values())))}
 
 
 def _restart_row(label: str, robot: Robot, targets: list[Pose], seed: int) -> Row:

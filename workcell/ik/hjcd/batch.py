@@ -43,12 +43,14 @@ class BatchSolution:
     Attributes:
         q: (k, n) within the joint limits.
         residual: (k,) metres: the root of the squared position error plus the squared rotation error times 0.3 m.
-        restarts: seeds polished in total.
+        restarts: configurations polished in total.
+        sweeps: updates of each seed in the paper's phase one.
     """
 
     q: Array
     residual: Array
     restarts: int
+    sweeps: int = 0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "q", read_only(self.q))
@@ -151,8 +153,8 @@ def solve_two_phase(
         kept, copies, spread = _copying(batch)
         sweeps = int(kernels().SWEEPS)
         outcome = WarpSolver(arm, device).two_phase(pose, seeds, sweeps, kept, copies, spread, ACCURACY, seed)
-        return _sorted(outcome.q, outcome.cost)
-    errors = _descend_all(arm, pose, seeds, rng, threads)
+        return _sorted(outcome.q, outcome.cost, sweeps)
+    errors, sweeps = _descend_all(arm, pose, seeds, rng, threads)
     order = np.argsort(errors[:, 0] ** 2 + (ROTATION_WEIGHT * errors[:, 1]) ** 2, kind="stable")
     q = _perturbed_copies(robot, seeds[order], rng)
     cost, random = np.empty(len(q)), _random_states(rng, len(q))
@@ -162,23 +164,30 @@ def solve_two_phase(
         entries.polish_copies(arm, pose, ACCURACY, entries.ITERATIONS, random[part], q[part], cost[part])
 
     _in_parts(polish, len(q), threads)
-    return _sorted(q, cost)
+    return _sorted(q, cost, sweeps)
 
 
-def _descend_all(arm: Arm, pose: Array, seeds: Array, rng: np.random.Generator, threads: int) -> Array:
-    """Phase one over seeds (b, n), in place; metres and radians (b, 2) that are left."""
+def _descend_all(
+    arm: Arm, pose: Array, seeds: Array, rng: np.random.Generator, threads: int
+) -> tuple[Array, int]:
+    """Phase one over seeds (b, n), in place; metres and radians (b, 2) that are left, and the sweeps made."""
+    entries = kernels()
     errors, random = np.empty((len(seeds), 2)), _random_states(rng, len(seeds))
-    sweeps = int(kernels().SWEEPS)
-    together = 1 if threads > 1 else sweeps  # threads must know of each other when a seed is near enough
-    for first in range(0, sweeps, together):
+    coarse = np.array([entries.COARSE_POSITION, entries.COARSE_ROTATION])
+    together = (
+        1 if threads > 1 else int(entries.SWEEPS)
+    )  # threads must know of each other when a seed is near enough
+    made = 0
+    while made < entries.SWEEPS:
 
-        def sweep(part: slice, first: int = first) -> int:
+        def sweep(part: slice, first: int = made) -> int:
             last = first + together
-            return int(kernels().sweep_seeds(arm, pose, first, last, random[part], seeds[part], errors[part]))
+            return int(entries.sweep_seeds(arm, pose, first, last, random[part], seeds[part], errors[part]))
 
-        if any(_in_parts(sweep, len(seeds), threads)):
+        made += max(_in_parts(sweep, len(seeds), threads))
+        if np.any(np.all(errors < coarse, axis=1)):
             break
-    return errors
+    return errors, made
 
 
 def _random_states(rng: np.random.Generator, count: int) -> NDArray[np.uint64]:
@@ -208,9 +217,9 @@ def _refuse_couplings(robot: Robot) -> None:
         )
 
 
-def _sorted(q: Array, cost: Array) -> BatchSolution:
+def _sorted(q: Array, cost: Array, sweeps: int) -> BatchSolution:
     order = np.argsort(cost, kind="stable")
-    return BatchSolution(q[order], np.sqrt(cost[order]), len(q))
+    return BatchSolution(q[order], np.sqrt(cost[order]), len(q), sweeps)
 
 
 def _seeds(robot: Robot, batch: int, sampling: Sampling, rng: np.random.Generator) -> Array:

@@ -3,7 +3,7 @@
 from workcell.ik.hjcd.kernels.constrained import refine
 from workcell.ik.hjcd.kernels.coupled import search_coupled
 from workcell.ik.hjcd.kernels.free import descend_batch, polish_batch, solve_targets
-from workcell.ik.hjcd.kernels.greedy import SWEEPS, sweep_seeds
+from workcell.ik.hjcd.kernels.greedy import COARSE_POSITION, COARSE_ROTATION, SWEEPS, sweep_seeds
 from workcell.ik.hjcd.kernels.search import (
     ARC,
     BEST,
@@ -25,6 +25,8 @@ from workcell.ik.hjcd.kernels.weighted_polish import ITERATIONS, polish_copies
 __all__ = [
     "ARC",
     "BEST",
+    "COARSE_POSITION",
+    "COARSE_ROTATION",
     "CURVES",
     "EXHAUSTED",
     "FOUND",

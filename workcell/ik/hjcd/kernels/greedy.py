@@ -112,11 +112,11 @@ def _errors(T: Array, target: Array, e: Array, errors: Array) -> None:
 @kernel
 def sweep_seeds(
     arm: Arm, pose: Array, first: int, last: int, random: NDArray[np.uint64], seeds: Array, errors: Array
-) -> bool:
+) -> int:
     """Updates first to last - 1 of phase one, of every seed (b, n) in place, metres and radians into errors (b, 2).
 
     An update that lowers neither error by `LEAST` is exchanged for a kick from `random` (b, 1). Ends after the sweep in
-    which a seed came within the coarse tolerance; returns whether one did.
+    which a seed came within the coarse tolerance; returns how many were made.
     """
     n = seeds.shape[1]
     T, e, target = np.empty((n + 2, 12)), np.empty(6), np.empty(12)
@@ -141,5 +141,5 @@ def sweep_seeds(
             errors[i, 0], errors[i, 1] = after[0], after[1]
             met = met or (after[0] < COARSE_POSITION and after[1] < COARSE_ROTATION)
         if met:
-            break
-    return met
+            return sweep + 1 - first
+    return last - first

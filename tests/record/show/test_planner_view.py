@@ -131,7 +131,7 @@ def test_a_moment_a_tile_with_the_links_that_are_in_cuboids_below(
     captions = [line for line in words if line.startswith("in cuboid")]
     assert captions[0] == f"in cuboid 0: {hand}" and captions[-1] == f"in cuboid 1: {hand}"
     assert len(captions) == 4
-    assert any("boxes: cuboids that the planner, ikspark, had the links in" in line for line in words)
+    assert any("colours: cuboids that the planner, ikspark, had the links in" in line for line in words)
     (legend,) = (text for text in page.texts if text.get_text() == hand)
     assert to_rgb(legend.get_color()) == pytest.approx(found.stage.uses[0].rgb)
     for moment in moments:
@@ -206,7 +206,7 @@ def test_where_no_cuboid_decided_all_are_thin_and_it_is_said(
     (page,) = planner_view(seen).axes
     words = [text.get_text() for text in page.texts]
     assert any("no cuboid decided anything; planner: auto" in line for line in words)
-    assert words.count("no cuboid decided here") == len(page.images) == 4
+    assert words.count("no cuboid decided here: auto answered the swing") == len(page.images) == 4
     assert not any(line.isdigit() for line in words)
     masks, moments = mask_of(studio, space), key_moments(seen, 4)
     for moment, tile in zip(moments, page.images, strict=True):

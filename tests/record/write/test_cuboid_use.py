@@ -238,6 +238,18 @@ def test_off_the_ways_and_on_others_ways_no_cuboid_decided(
         for k, time in enumerate(TIMES):
             assert bool(use.numbers[use.row_at(time)]) == (k <= (half - 1) * FRAMES_A_STEP), k
         assert use.numbers[-1] == () and use.times[-1] < 1.0
+    assert [(row.what, row.time_share) for row in found.ways] == [
+        ("there", pytest.approx(0.2, abs=0.02)),
+        ("on", pytest.approx(0.3, abs=0.02)),
+    ]
+    assert found.no_way_share == pytest.approx(0.5, abs=0.02)
+    assert "% of the time on no way that was asked for" in found.ways_said
+    (places,) = found.places
+    assert list(zip(places.ways, places.by, strict=True)) == [
+        ("there", "ikspark"),
+        ("on", "local"),
+        (None, ""),
+    ]
     assert all(row.undecided > 0.5 and "%" in row.cells[1] for row in found.cuboids)
     out = found.series["spheres_outside/ur10"]
     assert np.isnan(out.values[out.times > 1.0]).all() and not np.isnan(out.values[0]).any()

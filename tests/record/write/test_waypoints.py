@@ -13,7 +13,10 @@ from workcell.record.write.waypoints import OFF_WAY, Waypoint, Waypoints
 
 def way(*points: Array) -> list[Waypoint]:
     """Steps along points; the first point is where the robot stands, which nobody asked for."""
-    return [Waypoint(np.array(q), np.array(p), None, None) for p, q in itertools.pairwise(points)]
+    return [
+        Waypoint("way", "ikspark", np.array(q), np.array(p), None, None)
+        for p, q in itertools.pairwise(points)
+    ]
 
 
 def chained(*waypoints: Waypoint) -> Waypoints:
@@ -41,7 +44,7 @@ def test_the_nearer_end_of_the_stretch_counts() -> None:
 
 
 def test_a_way_followed_outwards_from_its_goal_is_known_inwards() -> None:
-    goal = Waypoint(C, C, None, None)
+    goal = Waypoint("goal", "ikspark", C, C, None, None)
     out = way(C, B, A)
     known = chained(goal, *out)
     at = known.along(np.array([A, 0.6 * B, 0.4 * B + 0.6 * C, C]))
@@ -67,7 +70,7 @@ INWARDS = np.concatenate(
 @pytest.mark.parametrize("planned", ["inwards", "outwards from the goal"])
 def test_in_and_back_out_the_same_way_the_second_way_is_the_one_back(planned: str) -> None:
     """Planned apart, with something else in the hand: a motion that turns round is on the way that begins there."""
-    goal = Waypoint(C, C, None, None)
+    goal = Waypoint("goal", "ikspark", C, C, None, None)
     into, back = way(A, B, C) if planned == "inwards" else [goal, *way(C, B, A)], way(C, B, A)
     known = chained(*into, *back)
     assert all(any(found is waypoint for waypoint in into) for found in known.along(INWARDS))

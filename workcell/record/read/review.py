@@ -13,7 +13,8 @@ from workcell.record.read.checks import Check, execution_checks, planner_check
 from workcell.record.read.cuboids import CuboidRow, cuboid_rows, deciding_cuboids
 from workcell.record.read.log import LogLine, log_lines
 from workcell.record.read.metrics import MetricRow, ObjectRow, Series, metric_rows, metric_series, object_rows
-from workcell.record.read.queries import Query, lost_queries, recorded_queries, stage_rows
+from workcell.record.read.places import Places, robot_places, shares_of_ways
+from workcell.record.read.queries import Query, lost_queries, recorded_queries, stage_rows, summary
 from workcell.record.read.reader import Contents, read
 from workcell.record.read.stage import Stage
 from workcell.record.read.ways import WayRow, way_rows
@@ -44,6 +45,7 @@ class Review:
         metrics, objects, events: in the order of names and of time.
         cuboids: those that decided where each link could be; empty where none did, or the recording does not tell.
         queries: of inverse kinematics, with the solvers' stages; empty where the recording does not tell.
+        places: which ways the robots were on; empty where the recording does not tell.
         duration: simulated seconds.
         inventory: entity path to (components, rows over time).
         missing: what the file lacks or could not be read.
@@ -62,6 +64,7 @@ class Review:
     events: tuple[LogLine, ...]
     cuboids: tuple[CuboidRow, ...]
     queries: tuple[Query, ...]
+    places: tuple[Places, ...]
     duration: float
     inventory: Mapping[str, tuple[tuple[str, ...], int]]
     missing: tuple[str, ...]
@@ -77,7 +80,20 @@ class Review:
     @property
     def ways(self) -> tuple[WayRow, ...]:
         """Who answered the queries of each way."""
-        return way_rows(self.queries)
+        return way_rows(self.queries, shares_of_ways(self.places, self.duration))
+
+    @property
+    def no_way_share(self) -> float | None:
+        """Share of the time in which no robot was on a way that anybody was asked for; None: not told."""
+        shares = shares_of_ways(self.places, self.duration)
+        return shares.get(None, 0.0) if shares else None
+
+    @property
+    def ways_said(self) -> str:
+        """How many queries were answered by whom, and how much of the motion is not on their ways."""
+        share = self.no_way_share
+        rest = f"; {share:.0%} of the time on no way that was asked for" if share else ""
+        return summary(self.queries) + rest
 
     @property
     def free_cuboids(self) -> int:
@@ -125,6 +141,7 @@ class Review:
             "events": [asdict(line) for line in self.events],
             "cuboids_in_use": [row.to_json() for row in self.cuboids],
             "cuboids_said": self.cuboid_words,
+            "no_way_share": self.no_way_share,
             "ways": [row.to_json() for row in self.ways],
             "solver_stages": [_finite(asdict(row)) for row in stage_rows(self.queries)],
             "queries": len(self.queries),
@@ -187,6 +204,7 @@ def review(path: str | Path) -> Review:
         events=events,
         cuboids=cuboid_rows(stage.uses, duration),
         queries=queries,
+        places=robot_places(contents),
         duration=duration,
         inventory=inventory,
         missing=tuple(missing),

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from workcell.ik.registry import AUTO, is_planned_by
@@ -40,6 +40,7 @@ class WayRow:
         cpu_ms: CPU milliseconds, all together.
         step: of a joint, radians (metres where it slides); None also where no step was solved.
         link_rotation: of a link's world rotation, Frobenius norm (Eq. 75 of IKSPARK).
+        time_share: share of the simulated time in which a robot was on it.
     """
 
     what: str
@@ -52,6 +53,7 @@ class WayRow:
     cpu_ms: float
     step: Change | None
     link_rotation: Change | None
+    time_share: float | None = None
 
     @property
     def answered(self) -> str:
@@ -64,7 +66,8 @@ class WayRow:
         """The row of a table below `WAY_HEAD`."""
         counts = ["?" if count is None else str(count) for count in (self.in_cuboids, self.sdps)]
         changes = ["-" if change is None else change.words for change in (self.step, self.link_rotation)]
-        return (self.what, str(self.queries), self.answered, *counts, f"{self.cpu_ms:.1f}", *changes)
+        driven = "?" if self.time_share is None else f"{self.time_share:.0%}"
+        return (self.what, str(self.queries), self.answered, *counts, f"{self.cpu_ms:.1f}", *changes, driven)
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
@@ -72,15 +75,20 @@ class WayRow:
         return {**asdict(self), "by": by}
 
 
-WAY_HEAD = ("way", "queries", "solved by", "in cuboids", "cone programs", "CPU ms", "joint step", "link turn")
+WAY_HEAD = (
+    "way", "queries", "solved by", "in cuboids", "cone programs", "CPU ms", "joint step", "link turn", "time on it"
+)  # fmt: skip
 
 
-def way_rows(queries: Sequence[Query]) -> tuple[WayRow, ...]:
-    """A row for each way, in the order in which they were first asked for."""
+def way_rows(
+    queries: Sequence[Query], shares: Mapping[str | None, float] | None = None
+) -> tuple[WayRow, ...]:
+    """A row for each way, in the order in which they were first asked for; `shares` of the time by way, if known."""
     groups: dict[str, list[Query]] = {}
     for query in queries:
         groups.setdefault(query.what, []).append(query)
-    return tuple(_row(what, group) for what, group in groups.items())
+    rows = (_row(what, group) for what, group in groups.items())
+    return tuple(replace(row, time_share=shares.get(row.what, 0.0) if shares else None) for row in rows)
 
 
 def _row(what: str, group: Sequence[Query]) -> WayRow:

@@ -7,7 +7,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from workcell.record.read.cuboids import CUBOID_HEAD
-from workcell.record.read.queries import Query, own_cuboids, stage_rows, summary
+from workcell.record.read.queries import Query, own_cuboids, stage_rows
 from workcell.record.read.ways import WAY_HEAD
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def cuboid_section(review: Review) -> list[str]:
 def way_section(review: Review) -> list[str]:
     """Who answered the queries of each way; nothing where the recording does not tell."""
     rows = [tuple(map(escape, row.cells)) for row in review.ways]
-    head = f"<h2>Who planned</h2><p>{escape(summary(review.queries))}</p>"
+    head = f"<h2>Who planned</h2><p>{escape(review.ways_said)}</p>"
     return [head, table(WAY_HEAD, rows)] if rows else []
 
 

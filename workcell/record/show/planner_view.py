@@ -68,7 +68,7 @@ def _title(review: Review, sheet: Sheet, planned: bool) -> None:
     sheet.text(12, 24, f"{review.task}: what the planner sees", size=15, weight="bold")
     decided = review.cuboid_words
     if review.cuboids:
-        decided = f"boxes: {decided}"
+        decided = f"boxes in the links' colours: {decided}"
     green = "thin green: other free cuboids" if planned else "green: cuboids and polytopes proved free"
     parts = ["blue: sphere cover of the robot", decided, green, "blue line: planned path"]
     sheet.text(12, 50, "; ".join(filter(None, parts)), size=11)
@@ -131,13 +131,19 @@ def _caption(review: Review, sheet: Sheet, place: tuple[float, float], moment: s
     x, y = place
     sheet.text(x, y + 13, shortened(moment, 80), size=12, weight="bold")
     order = _names(review.stage)
-    places = [f"{number}: {_runs(links, order)}" for number, links in cuboids_at(review.stage, time).items()]
-    sheet.text(
-        x,
-        y + 31,
-        shortened("in cuboid " + "; ".join(places) if places else "no cuboid decided here", 128),
-        size=11,
+    held = [f"{number}: {_runs(links, order)}" for number, links in cuboids_at(review.stage, time).items()]
+    words = "in cuboid " + "; ".join(held) if held else f"no cuboid decided here: {_why_none(review, time)}"
+    sheet.text(x, y + 31, shortened(words, 128), size=11)
+
+
+def _why_none(review: Review, time: float) -> str:
+    """Where the robots are instead: on no way, or on one that was answered without cuboids."""
+    found = dict.fromkeys(
+        "on no way that was asked for" if one.ways[row] is None else f"{one.by[row]} answered {one.ways[row]}"
+        for one in review.places
+        if (row := one.row_at(time)) >= 0
     )
+    return ", ".join(found) or "not told"
 
 
 def _runs(links: list[str], order: list[str]) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from workcell.record.read.cuboids import CUBOID_HEAD
 from workcell.record.read.metrics import label_of, unit_of
 from workcell.record.read.paths import names_of
-from workcell.record.read.queries import own_cuboids, stage_rows, summary
+from workcell.record.read.queries import own_cuboids, stage_rows
 from workcell.record.read.ways import WAY_HEAD
 
 if TYPE_CHECKING:
@@ -107,7 +107,8 @@ def _ways(review: Review) -> list[RenderableType]:
         table.add_column(name, justify="left" if k in (0, 2) else "right", overflow="fold")
     for row in review.ways:
         table.add_row(*map(Text, row.cells))
-    return [Text.assemble(("Who planned", "bold"), f"  {summary(review.queries)}"), table]
+    head = Text.assemble(("Who planned", "bold"), f"  {review.ways_said}")
+    return [head, table]
 
 
 def _solvers(review: Review) -> list[RenderableType]:

@@ -1,7 +1,8 @@
-"""The cuboids that decided: where the solver had the links at the waypoint that a robot is at, through a run."""
+"""The ways that robots are on through a run, and the cuboids that the solver had the links in where they are."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -18,6 +19,8 @@ IN_USE, OUTSIDE, BY = "cuboids_in_use", "spheres_outside", "outside_cuboids"
 """Names of the metrics of a robot: how many cuboids the solver had its spheres in, how many of these spheres are not
 wholly inside their cuboid where the robot really is, and by how many metres the farthest sticks out (0: none)."""
 
+WAYS = "ways"
+"""Below it, by robot, a document whenever it comes to another way: its name (`what`) and who answered there (`by`)."""
 _LINK_RGB = (
     (0.12, 0.47, 0.71),
     (0.84, 0.15, 0.16),
@@ -46,7 +49,7 @@ class LinkState:
 
 @dataclass(slots=True)
 class _Follower:
-    """A robot with answered queries: its waypoints, and by link what was last told of it.
+    """A robot with answered queries: its waypoints, and what was last told: of its links by number, and where it is.
 
     `outlined` are the links that were in a polytope some time.
     """
@@ -55,6 +58,7 @@ class _Follower:
     waypoints: Waypoints = field(default_factory=Waypoints)
     told: dict[int, LinkState] = field(default_factory=dict)
     outlined: set[int] = field(default_factory=set)
+    place: str = ""
 
 
 class CuboidUse:
@@ -84,14 +88,16 @@ class CuboidUse:
                 self._writer.log_numbers(path, link=link)
 
     def send(self, indexes: Indexes, qpos: Array) -> None:
-        """Where every robot is at some times; qpos (T, nq). Robots that no cuboid decided about are left out."""
+        """Where every robot is at some times; qpos (T, nq). Cuboids of robots that none decided about are left out."""
         for follower in self._followers.values():
+            robot, q = follower.robot, qpos[:, follower.robot.qpos_addresses]
+            waypoints = follower.waypoints.along(q)
+            self._send_places(indexes, follower, waypoints)
             if not follower.told:
                 continue
-            robot, q = follower.robot, qpos[:, follower.robot.qpos_addresses]
             states: dict[int, list[LinkState]] = {link: [] for link in follower.told}
             rows = []
-            for at, waypoint in zip(q, follower.waypoints.along(q), strict=True):
+            for at, waypoint in zip(q, waypoints, strict=True):
                 now, *measured = self._at(robot.robot, at, waypoint)
                 rows.append(measured)
                 for link, past in states.items():
@@ -100,6 +106,22 @@ class CuboidUse:
                 self._writer.send_scalars(f"metrics/{name}/{entity(robot.name)}", indexes, column)
             for link, past in states.items():
                 self._send_link(indexes, follower, link, past)
+
+    def _send_places(
+        self, indexes: Indexes, follower: _Follower, waypoints: Sequence[Waypoint | None]
+    ) -> None:
+        """The rows at which a robot comes to another way, or to where somebody else answered."""
+        rows: list[int] = []
+        texts: list[str] = []
+        for k, waypoint in enumerate(waypoints):
+            place = {} if waypoint is None else {"what": waypoint.what, "by": waypoint.by}
+            if (text := json.dumps(place)) != follower.place:
+                rows.append(k)
+                texts.append(text)
+                follower.place = text
+        if rows:
+            index = (indexes[0][rows], indexes[1][rows])
+            self._writer.send_documents(f"{WAYS}/{entity(follower.robot.name)}", index, texts)
 
     def _at(
         self, robot: Robot, q: Array, waypoint: Waypoint | None

@@ -156,7 +156,7 @@ class Recording(SceneLog):
             solids = None
             if result.cuboids is not None and result.free_space is not None:
                 solids = self._solids.numbers(result.free_space, result.cuboids)
-            self._add_waypoint(problem, result, solids)
+            self._add_waypoint(what, problem, result, solids)
             when = (self._last_time, self._step(self._last_time))
             self._solvers.add(what, problem, result, when, solids)
             if clock.monotonic() - self._flushed_at >= _CHUNK_WALL_S:
@@ -166,14 +166,17 @@ class Recording(SceneLog):
             yield
         self._locate()
 
-    def _add_waypoint(self, problem: IKProblem, result: IKResult, solids: NDArray[np.int64] | None) -> None:
+    def _add_waypoint(
+        self, what: str, problem: IKProblem, result: IKResult, solids: NDArray[np.int64] | None
+    ) -> None:
         """What a query answered for one of the scene's robots, to be found again when the robot gets there."""
         robot = self._robot_of(problem.robot)
         if robot is None or result.q is None or not result.solved:
             return
         bounded = problem.max_step is not None or problem.max_link_rotation is not None
         before = problem.q_reference if bounded and problem.q_reference is not None else result.q
-        self._cuboids.add_answer(robot, Waypoint(result.q, before, problem.cover, solids))
+        waypoint = Waypoint(what, result.solver, result.q, before, problem.cover, solids)
+        self._cuboids.add_answer(robot, waypoint)
 
     def set_result(self, result: Mapping[str, Any]) -> None:
         """The run's summary: kept in the recording, so that a review needs no other file."""

@@ -22,6 +22,8 @@ class Waypoint:
     """One answered configuration.
 
     Attributes:
+        what: the name of the way or the goal that was asked for.
+        by: who answered.
         q: (n,).
         before: (n,) the configuration from which a step was asked for; `q` itself where there was none.
         cover: spheres in link frames that the query was about.
@@ -29,6 +31,8 @@ class Waypoint:
             answer was not found among cuboids.
     """
 
+    what: str
+    by: str
     q: Array
     before: Array
     cover: SphereCover | None

@@ -16,7 +16,7 @@ from workcell.ik.cidgik.instance import Instance
 from workcell.ik.cidgik.model import relaxation_at
 from workcell.ik.cidgik.recover import joint_angles
 from workcell.ik.cidgik.reduction import stack
-from workcell.ik.cidgik.workspace import Keeper
+from workcell.ik.cidgik.workspace.keeper import Keeper
 from workcell.ik.problem import IKProblem
 from workcell.pose import Array, read_only
 

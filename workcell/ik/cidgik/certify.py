@@ -19,7 +19,7 @@ from workcell.ik.cidgik.instance import Instance
 from workcell.ik.cidgik.model import relaxation_at
 from workcell.ik.cidgik.proof import Proof
 from workcell.ik.cidgik.proof import margin as proof_margin
-from workcell.ik.cidgik.workspace import KINDS
+from workcell.ik.cidgik.workspace.rules import KINDS
 from workcell.ik.claims.chain import unsuited
 from workcell.ik.elementary.bounds import WIDE
 from workcell.ik.problem import IKProblem

@@ -16,7 +16,8 @@ from workcell.ik.cidgik.instance import Instance
 from workcell.ik.cidgik.reduction import Reduction, Vectors, stack
 from workcell.ik.cidgik.skeleton import Skeleton
 from workcell.ik.cidgik.structure import Structure
-from workcell.ik.cidgik.workspace import Keeper, Rules
+from workcell.ik.cidgik.workspace.keeper import Keeper
+from workcell.ik.cidgik.workspace.rules import Rules
 from workcell.ik.shared.conic import Cones, ConicSolution, ConicSolver, svec
 from workcell.ik.trees.query import Goal
 from workcell.pose import Array, Pose
@@ -139,7 +140,7 @@ class ChordalInstance:
     def _assemble(self) -> ConicSolver:
         from scipy.sparse import block_diag, csc_matrix, vstack
 
-        inequality = [np.vstack([part.limit_rows, part.slots]) for part in self.parts]
+        inequality = [np.vstack([part.limit_rows, part.standing, part.slots]) for part in self.parts]
         matrices = [np.column_stack([part.D, part.Z0]) for part in self.parts]
         frames = [part.frame_rows for part in self.parts]
         groups = (inequality, matrices, frames)
@@ -226,6 +227,10 @@ class ChordalKeeper:
     def left_out(self) -> int:
         """How many pairs of point and solid are not kept apart."""
         return sum(keeper.left_out for _, keeper in self._keepers)
+
+    def give_way(self) -> int:
+        """Drop rows of spheres that may stick out of the robot by as much as they overlap solids; how many."""
+        return sum(keeper.give_way() for _, keeper in self._keepers)
 
     def forget_passing(self) -> None:
         """At a restart: planes chosen before are forgotten."""

@@ -36,6 +36,7 @@ class Instance:
         Z0, D: (K,) and (K, f): svec(Z) = Z0 + D y.
         limit_rows, frame_rows: (m, f + 1) over (y, 1): nonnegative, and triangles of 4x4 matrices.
         metric: (N, N) lower triangular L; ranks are weighed on L^T Z L.
+        standing: (m, f + 1) rows that stay whatever the slots hold, nonnegative.
         added: points in planes, `(point, normal, offset)`, that are equalities too.
         contradiction: whether one of these can't hold.
         solves: cone programs so far.
@@ -66,7 +67,7 @@ class Instance:
         gram = W.T @ W + _RIDGE * np.eye(structure.order)
         gram[structure.rank :, structure.rank :] += np.eye(structure.skeleton.dimension)
         self.metric = np.linalg.cholesky(gram)
-        self.slots = np.zeros((0, self.D.shape[1] + 1))
+        self.slots = self.standing = np.zeros((0, self.D.shape[1] + 1))
         self.solves = 0
         self._solver: ConicSolver | None = None
         self._size = -1
@@ -134,6 +135,10 @@ class Instance:
         """Demand `rows (y, 1) >= 0` beside the limits, rows (k, f + 1); earlier ones are forgotten."""
         self.slots, self._stale = rows, True
 
+    def stand(self, rows: Array) -> None:
+        """Demand `rows (y, 1) >= 0` from the first solve on, rows (k, f + 1): no proof may lean on them."""
+        self.standing = rows
+
     def solve(self, C: Array) -> ConicSolution:
         """Minimise <C, Z> for a symmetric C (N, N). x are the coordinates y; z is over `rows()`, then empty slots."""
         self.solves += 1
@@ -164,7 +169,7 @@ class Instance:
 
     def _looked_at(self) -> ConicSolution:
         """The only Z, or a ray that says which row it breaks."""
-        inequalities = np.concatenate([self.limit_rows[:, -1], self.slots[:, -1]])
+        inequalities = np.concatenate([self.limit_rows[:, -1], self.standing[:, -1], self.slots[:, -1]])
         values, vectors = np.linalg.eigh(smat(self.Z0, self.structure.order))
         z = np.zeros(len(inequalities) + len(self.Z0) + len(self.frame_rows))
         broken = True
@@ -178,11 +183,11 @@ class Instance:
         return ConicSolution("infeasible" if broken else "solved", np.zeros(0), z, 0.0, 0)
 
     def _numbers(self, size: int) -> tuple[Array, Array]:
-        """A and b: limits, slots (the empty ones last, 1 >= 0), Z, frames."""
+        """A and b: limits, standing rows, slots (the empty ones last, 1 >= 0), Z, frames."""
         empty = np.zeros((size - len(self.slots), self.D.shape[1] + 1))
         empty[:, -1] = 1.0
         whole = np.column_stack([self.D, self.Z0])
-        rows = np.vstack([self.limit_rows, self.slots, empty, whole, self.frame_rows])
+        rows = np.vstack([self.limit_rows, self.standing, self.slots, empty, whole, self.frame_rows])
         return -rows[:, :-1], rows[:, -1]
 
     def _new_solver(self, A: Array, b: Array, size: int) -> ConicSolver:
@@ -192,24 +197,24 @@ class Instance:
         # every entry is stored: the pattern must hold for all queries
         sparse = csc_matrix((A.T.ravel(), np.tile(np.arange(m), f), np.arange(f + 1) * m), shape=A.shape)
         frames = (4,) * (len(self.frame_rows) // 10)
-        return ConicSolver(
-            sparse, b, Cones(0, len(self.limit_rows) + size, (), (self.structure.order, *frames))
-        )
+        inequalities = len(self.limit_rows) + len(self.standing) + size
+        return ConicSolver(sparse, b, Cones(0, inequalities, (), (self.structure.order, *frames)))
 
     def split(self, z: Array) -> tuple[Array, Array, Array, Array]:
         """A dual over limits, slots in use, Z (K,) and frames (k, 10)."""
         limits, used, K = len(self.limit_rows), len(self.slots), len(self.Z0)
-        first = limits + max(self._size, used)
+        begin = limits + len(self.standing)
+        first = begin + max(self._size, used)
         return (
             z[:limits],
-            z[limits : limits + used],
+            z[begin : begin + used],
             z[first : first + K],
             z[first + K :].reshape(-1, 10),
         )
 
     def _idle(self, size: int) -> list[ConicSolver]:
         """Solvers of this shape that no query uses."""
-        return self.structure.idle.setdefault((size, self.D.shape[1]), [])
+        return self.structure.idle.setdefault((size, len(self.standing), self.D.shape[1]), [])
 
     def _hand_back(self) -> None:
         if self._solver is not None:

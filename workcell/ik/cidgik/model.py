@@ -14,12 +14,13 @@ from workcell.geometry.types import Piece
 from workcell.identity_cache import ByIdentity
 from workcell.ik.cidgik.chordal import ChordalInstance, ChordalKeeper, ChordalStructure
 from workcell.ik.cidgik.instance import Instance
-from workcell.ik.cidgik.rank import Relaxed
-from workcell.ik.cidgik.search import Kept
+from workcell.ik.cidgik.rank import Kept, Relaxed
 from workcell.ik.cidgik.skeleton import Skeleton
-from workcell.ik.cidgik.solids import Solids
 from workcell.ik.cidgik.structure import Structure
-from workcell.ik.cidgik.workspace import Keeper, Rules
+from workcell.ik.cidgik.turning import turning_rows
+from workcell.ik.cidgik.workspace.keeper import Keeper
+from workcell.ik.cidgik.workspace.rules import Rules
+from workcell.ik.cidgik.workspace.solids import Solids
 from workcell.ik.problem import IKProblem
 from workcell.ik.shared.limits import Interval
 from workcell.ik.trees.query import Balls, Goal, Plane
@@ -126,6 +127,7 @@ def relaxation_at(problem: IKProblem, tangent: bool = False) -> tuple[Instance, 
     interval = Interval.of(problem)
     goals = (goal_of(problem),)
     instance = Instance(structure_of(_problem_key(problem)), goals, interval.middle, interval.half)
+    _bound_turns(problem, [instance])
     rules, cover = _rules(problem, tangent), problem.cover
     if rules is None or cover is None:
         return instance, None
@@ -143,11 +145,22 @@ def fastest_relaxation_at(problem: IKProblem, tangent: bool = False) -> tuple[Sk
     interval = Interval.of(problem)
     goals = (goal_of(problem),)
     parts = ChordalInstance(chordal, goals, interval.middle, interval.half)
+    _bound_turns(problem, parts.parts)
     rules, cover = _rules(problem, tangent), problem.cover
     if rules is None or cover is None:
         return chordal.skeleton, parts, None
     kept = ChordalKeeper(parts, cover.link, cover.centre, rules, problem.robot.T_world_base)
     return chordal.skeleton, parts, kept
+
+
+def _bound_turns(problem: IKProblem, instances: Sequence[Instance]) -> None:
+    """Rows for `max_link_rotation`, where it is asked for (Eq. 75 of IKSPARK)."""
+    if problem.max_link_rotation is None or problem.q_reference is None:
+        return
+    before = problem.robot.link_transforms(problem.q_reference)[:, :3, :3]
+    seen = problem.robot.T_world_base.rotation.T @ before
+    for instance in instances:
+        instance.stand(turning_rows(instance, seen, problem.max_link_rotation))
 
 
 def goal_of(problem: IKProblem) -> Goal:
@@ -178,6 +191,7 @@ def _rules(problem: IKProblem, tangent: bool) -> Rules | None:
         solids=found.solids,
         tangent=tangent,
         start=start,
+        spare=None if problem.checker is None else cover.overshoot,
         margin=margin,
     )
 

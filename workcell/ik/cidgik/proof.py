@@ -12,14 +12,17 @@ F is counted too. So the proof covers the tolerances it names, and no residual o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from workcell.ik.cidgik.instance import Instance
+from workcell.ik.cidgik.rank import Kept, Relaxed
 from workcell.ik.cidgik.reduction import Vectors
 from workcell.ik.cidgik.structure import Structure
-from workcell.ik.cidgik.workspace import KINDS, Keeper, Key
+from workcell.ik.cidgik.workspace.keeper import Keeper
+from workcell.ik.cidgik.workspace.rules import KINDS, Key
 from workcell.ik.shared.conic import smat, svec, triangle
 from workcell.ik.trees.query import PLANE_SLACK
 from workcell.pose import Array, read_only
@@ -95,6 +98,29 @@ def proof_of(instance: Instance, keeper: Keeper | None, z: Array) -> Proof | Non
         proof.S / size,
         proof.frames / size,
     )
+
+
+def prove_empty(instance: Instance, keeper: Keeper | None, over: Callable[[], bool]) -> Proof | None:
+    """Multipliers that show a relaxation empty, with every sphere that it breaks; None where they can't be had."""
+    ray = empty_with_all(instance, keeper, over)
+    proof = None if ray is None else proof_of(instance, keeper, ray)
+    instance.release()
+    return proof
+
+
+def empty_with_all(instance: Relaxed, keeper: Kept | None, over: Callable[[], bool]) -> Array | None:
+    """Add the rows on spheres that points of the relaxation break, until it is empty or keeps them all.
+
+    Returns its ray where it is empty, None where it keeps them.
+    """
+    C = instance.nuclear()
+    while not over():
+        solution = instance.solve(C)
+        if solution.status == "infeasible":
+            return solution.z
+        if keeper is None or not solution.usable or not keeper.add_cut_off(instance.matrix(solution.x)):
+            return None
+    return None
 
 
 def _positive(packed: Array, order: int) -> Array:

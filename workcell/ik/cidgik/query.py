@@ -21,10 +21,11 @@ from workcell.ik.cidgik.finish import QueryFinisher
 from workcell.ik.cidgik.instance import Instance
 from workcell.ik.cidgik.model import chordal_structure_of, structure_key, structure_of
 from workcell.ik.cidgik.proof import Proof, malformed, margin
-from workcell.ik.cidgik.rank import Relaxed
-from workcell.ik.cidgik.search import PROGRAMS_A_SECOND, Kept, Search
+from workcell.ik.cidgik.rank import Kept, Relaxed
+from workcell.ik.cidgik.search import PROGRAMS_A_SECOND, Search
 from workcell.ik.cidgik.skeleton import Skeleton
-from workcell.ik.cidgik.workspace import Keeper, Rules, plane_in_base
+from workcell.ik.cidgik.workspace.keeper import Keeper, plane_in_base
+from workcell.ik.cidgik.workspace.rules import Rules
 from workcell.ik.problem import Budget
 from workcell.ik.result import Status
 from workcell.ik.shared.limits import Interval

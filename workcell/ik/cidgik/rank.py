@@ -64,6 +64,41 @@ class Relaxed(Protocol):
         ...
 
 
+class Kept(Protocol):
+    """The workspace over a relaxation: `Keeper`, or `ChordalKeeper`."""
+
+    @property
+    def passing(self) -> bool:
+        """Whether rows are loaded that not every solution keeps."""
+        ...
+
+    @property
+    def conservative(self) -> bool:
+        """Whether rows are loaded for spheres that cover solids: the solids themselves may allow more."""
+        ...
+
+    @property
+    def left_out(self) -> int:
+        """How many pairs of point and solid are not kept apart, and left to the judge."""
+        ...
+
+    def give_way(self) -> int:
+        """Drop rows of spheres that may stick out of the robot by as much as they overlap solids; how many."""
+        ...
+
+    def forget_passing(self) -> None:
+        """At a restart."""
+        ...
+
+    def add_broken(self, Z: Blocks) -> int:
+        """Rows for what points break."""
+        ...
+
+    def add_cut_off(self, Z: Blocks) -> int:
+        """Rows for what Z breaks."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Iterate:
     """One solve.

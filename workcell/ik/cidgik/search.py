@@ -10,11 +10,11 @@ import numpy as np
 
 from workcell import clock
 from workcell.ik.cidgik.instance import Instance
-from workcell.ik.cidgik.proof import Proof, proof_of
-from workcell.ik.cidgik.rank import Blocks, Iterate, Relaxed, converge
+from workcell.ik.cidgik.proof import Proof, empty_with_all, proof_of, prove_empty
+from workcell.ik.cidgik.rank import Blocks, Iterate, Kept, Relaxed, converge
 from workcell.ik.cidgik.recover import joint_angles
 from workcell.ik.cidgik.skeleton import Skeleton
-from workcell.ik.cidgik.workspace import Keeper
+from workcell.ik.cidgik.workspace.keeper import Keeper
 from workcell.ik.result import NEAR_MISSES
 from workcell.ik.shared.convex import MAX_POLISH, MOST_FAILURES
 from workcell.ik.stages import StageLog
@@ -56,37 +56,6 @@ class Finisher(Protocol):
         ...
 
 
-class Kept(Protocol):
-    """The workspace over a relaxation: `Keeper`, or `ChordalKeeper`."""
-
-    @property
-    def passing(self) -> bool:
-        """Whether rows are loaded that not every solution keeps."""
-        ...
-
-    @property
-    def conservative(self) -> bool:
-        """Whether rows are loaded for spheres that cover solids: the solids themselves may allow more."""
-        ...
-
-    @property
-    def left_out(self) -> int:
-        """How many pairs of point and solid are not kept apart."""
-        ...
-
-    def forget_passing(self) -> None:
-        """At a restart."""
-        ...
-
-    def add_broken(self, Z: Blocks) -> int:
-        """Rows for what points break."""
-        ...
-
-    def add_cut_off(self, Z: Blocks) -> int:
-        """Rows for what Z breaks."""
-        ...
-
-
 @dataclass(slots=True)
 class Search:
     """One run.
@@ -114,6 +83,7 @@ class Search:
     near: Array | None = None
     local: bool = False
     patience: float = np.inf
+    anew: bool = True
     restarts: int = 0
     low_rank: int = 0
     rows: int = 0
@@ -150,13 +120,15 @@ class Search:
                 return q
             if self._without_hope():
                 return None
+            if self.anew:
+                continue
             empty = self.last.Z is None and not (self.keeper is not None and self.keeper.passing)
             if empty and self._prove(self.last):
                 return None
             if self.instance.determined:
                 return None
             failures = failures + 1 if empty else 0
-            if self.restarts == PROVE_AFTER and self.keeper is not None and self._prove_with_all(self.keeper):
+            if self.restarts == PROVE_AFTER and self._prove_with_all():
                 return None
         if failures == MOST_FAILURES and self.last.ray is None:
             self.error = "Clarabel found neither a point of the relaxation nor a proof that it is empty"
@@ -166,16 +138,23 @@ class Search:
         """Whether spheres that cover solids leave nothing, or have been tried for long enough: that proves nothing."""
         if self.keeper is None:
             return False
-        if self.keeper.conservative and self.last.ray is not None:
+        if self.keeper.conservative and self.last.Z is None:
             self.note("the spheres that cover the obstacles leave no configuration")
-            return True
+            given = self.keeper.give_way()
+            if not given:
+                return True
+            self.stages.add(
+                "rows", note=f"{given} dropped: spheres of the robot may stick out of it by as much"
+            )
+            self.anew = True
         doubtful = self.keeper.conservative or self.keeper.left_out > 0
         return doubtful and self.instance.solves >= self.patience
 
     def _objective(self) -> Blocks:
         """First toward the configuration to stay near, or the nuclear norm (C = I); then random."""
-        if self.restarts > 0:
+        if not self.anew:
             return self.instance.random_objective(self.rng)
+        self.anew = False
         if self.near is None:
             return self.instance.nuclear()
         return self.instance.toward(self.near)
@@ -209,8 +188,8 @@ class Search:
             return 0
         known, added = self.keeper.left_out, self.keeper.add_broken(Z)
         if self.keeper.left_out > known:
-            note = f"{self.keeper.left_out} pairs of sphere and obstacle overlap where the step begins: not kept apart"
-            self.stages.add("rows", note=note)
+            left = f"{self.keeper.left_out} pairs of sphere and obstacle overlap where the step begins"
+            self.stages.add("rows", note=f"{left}: left to the judge")
         if added:
             self.rows += added
             self.stages.add("rows", note=f"{added} added for what points break")
@@ -254,36 +233,15 @@ class Search:
         self.note("the relaxation is empty, but not by the margin that the tolerances need")
         return False
 
-    def _prove_with_all(self, keeper: Kept) -> bool:
+    def _prove_with_all(self) -> bool:
         """Whether the relaxation is empty with every sphere that it breaks, and that can be proved."""
-        keeper.forget_passing()
-        ray = empty_with_all(self.instance, keeper, self.over)
+        if self.keeper is None or self.keeper.conservative:
+            return False
+        self.keeper.forget_passing()
+        ray = empty_with_all(self.instance, self.keeper, self.over)
         return ray is not None and self._prove(Iterate(None, ray=ray))
 
     def note(self, reason: str) -> None:
         """Keep a reason for the report."""
         if reason not in self.rejected and len(self.rejected) < NEAR_MISSES:
             self.rejected.append(reason)
-
-
-def prove_empty(instance: Instance, keeper: Keeper | None, over: Callable[[], bool]) -> Proof | None:
-    """Multipliers that show a relaxation empty, with every sphere that it breaks; None where they can't be had."""
-    ray = empty_with_all(instance, keeper, over)
-    proof = None if ray is None else proof_of(instance, keeper, ray)
-    instance.release()
-    return proof
-
-
-def empty_with_all(instance: Relaxed, keeper: Kept | None, over: Callable[[], bool]) -> Array | None:
-    """Add the rows on spheres that points of the relaxation break, until it is empty or keeps them all.
-
-    Returns its ray where it is empty, None where it keeps them.
-    """
-    C = instance.nuclear()
-    while not over():
-        solution = instance.solve(C)
-        if solution.status == "infeasible":
-            return solution.z
-        if keeper is None or not solution.usable or not keeper.add_cut_off(instance.matrix(solution.x)):
-            return None
-    return None

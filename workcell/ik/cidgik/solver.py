@@ -29,9 +29,9 @@ from workcell.ik.certificate import Certificate
 from workcell.ik.cidgik.certify import certify
 from workcell.ik.cidgik.finish import polish_query
 from workcell.ik.cidgik.model import fastest_relaxation_at, goal_of, relaxation_at, sorted_obstacles
-from workcell.ik.cidgik.proof import Proof
+from workcell.ik.cidgik.proof import Proof, prove_empty
 from workcell.ik.cidgik.recover import nearest_turn
-from workcell.ik.cidgik.search import COUNTS, PROGRAMS_A_SECOND, Finished, Search, prove_empty
+from workcell.ik.cidgik.search import COUNTS, PROGRAMS_A_SECOND, Finished, Search
 from workcell.ik.elementary.bounds import prove_impossible
 from workcell.ik.elementary.screen import may_be_impossible
 from workcell.ik.judge.verify import Verifier
@@ -49,6 +49,8 @@ SPHERES_FIRST = 60
 _GIVEN_UP = SolverStage(
     "planes", 0.0, note="the spheres that cover the obstacles give way to planes that touch them"
 )
+STEP_PLANES = 60
+"""Cone programs that planes get for a step: where a few of them leave nothing, others won't."""
 PLANES = "cidgik+planes"
 """The part of the solver that parts the robot's spheres from solids by planes that touch these."""
 
@@ -58,7 +60,8 @@ def solve_cidgik(
 ) -> Candidate:
     """Look for a configuration, or for a proof that there is none, until the budget is spent.
 
-    `max_step` narrows the joint limits; `max_link_rotation` is left to the judge.
+    `max_step` narrows the joint limits; `max_link_rotation` bounds the links' directions (`turning`). The judge looks
+    at both.
 
     Obstacles that are no spheres are spheres first: those that cover them. Where these leave nothing, or have not
     answered after `SPHERES_FIRST` cone programs, the search begins again with planes that touch the obstacles, and what
@@ -127,7 +130,7 @@ class _Run:
                 self.judge,
                 lambda: relaxation_at(problem),
                 self.deadline,
-                self.most - before.stats.get("sdps", 0.0),
+                self._most_of(tangent) - before.stats.get("sdps", 0.0),
                 np.random.default_rng(self.seed),
                 problem.q_reference,
                 self.local,
@@ -148,6 +151,11 @@ class _Run:
             by=PLANES if tangent and q is not None and not self.local else "",
         )
         return self.found
+
+    def _most_of(self, tangent: bool) -> float:
+        """Cone programs in all: a step is not searched for among ever more planes."""
+        step = tangent and self.problem.max_step is not None
+        return min(self.most, self.found.stats.get("sdps", 0.0) + STEP_PLANES) if step else self.most
 
     def undecided(self, found: Candidate) -> bool:
         """Whether spheres that cover solids have had a say in that nothing was found, and work may be left."""

@@ -50,7 +50,7 @@ class Structure:
         used: equality rows that stay, independent of each other.
         metric: the paper's points.
         points: the skeleton's points on these links, in their order.
-        idle: solvers by number of slots and of free coordinates.
+        idle: solvers by number of slots, of standing rows and of free coordinates.
     """
 
     def __init__(self, skeleton: Skeleton, links: tuple[int, ...] | None = None) -> None:
@@ -76,7 +76,7 @@ class Structure:
         self.metric = self._metric(gone)
         held = [(link, local) for link, local in skeleton.points if link in self.reduction.links]
         self.points = stack([self.reduction.point(*one) for one in held], self.reduction.like)
-        self.idle: dict[tuple[int, int], list[ConicSolver]] = {}
+        self.idle: dict[tuple[int, int, int], list[ConicSolver]] = {}
 
     def equalities(self, G: Array) -> tuple[Array, Array]:
         """All (m, K) triangles over the whole basis and their (m,) constants."""

@@ -9,15 +9,15 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from tests.ik.arms import beads, box
+from tests.ik.arms import beads, box, hugged
 from tests.ik.lifted_arms import seven_axis
 from workcell.geometry.types import Piece
 from workcell.ik.cidgik.instance import Instance
 from workcell.ik.cidgik.model import relaxation_at
 from workcell.ik.cidgik.plain import relaxation
-from workcell.ik.cidgik.solids import OVERSHOOT
 from workcell.ik.cidgik.solver import solve_cidgik
-from workcell.ik.cidgik.workspace import Keeper
+from workcell.ik.cidgik.workspace.keeper import Keeper
+from workcell.ik.cidgik.workspace.solids import OVERSHOOT
 from workcell.ik.judge.exact import ExactDistances, ExactKinematics, smallest_clearance
 from workcell.ik.problem import Budget, Clearance, IKProblem
 from workcell.ik.registry import is_planned_by
@@ -142,16 +142,23 @@ def test_planes_answer_under_their_own_name() -> None:
     assert result.q is not None and clearance(problem, result.q) >= 0
 
 
-def test_planes_follow_where_spheres_leave_nothing() -> None:
-    """The step ends a hair from a board: the board is not in the way, but the spheres that cover it are."""
-    begun = Q + 0.0099 * np.array([1.0, -1, 1, -1, 1, 1, -1])
-    problem = IKProblem(
-        ROBOT, ROBOT.fk(Q), (beside(0.3 * OVERSHOOT),), COVER, q_reference=begun, max_step=0.01
-    )
-    assert clearance(problem, begun) > OVERSHOOT
+def test_planes_follow_where_spheres_have_not_answered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("workcell.ik.cidgik.solver.SPHERES_FIRST", 1)
+    problem = hugged(ROBOT, COVER, np.random.default_rng(9), 4)
     result = solve(problem, "cidgik", Budget(10.0, effort=1.0))
     assert result.solved and result.solver == "cidgik+planes"
     assert any("give way to planes" in stage.note for stage in result.stages)
+    assert result.stats["cidgik.restarts"] > 1
+
+
+def test_a_step_past_a_cover_that_is_in_the_way_needs_no_planes() -> None:
+    """Where it ends the arm is clear of a board, but not of the spheres that cover it: the judge is asked."""
+    begun = Q + 0.00199 * np.array([1.0, -1, 1, -1, 1, 1, -1])
+    problem = IKProblem(ROBOT, ROBOT.fk(Q), (beside(1e-5),), COVER, q_reference=begun, max_step=0.002)
+    assert clearance(problem, begun) > OVERSHOOT
+    result = solve(problem, "cidgik", Budget(10.0, effort=1.0))
+    assert result.solved and result.solver == "cidgik" and result.q is not None
+    assert clearance(problem, result.q) >= 0
     assert "the spheres that cover the obstacles leave no configuration" in result.rejected
 
 
@@ -163,6 +170,26 @@ def test_what_overlaps_where_a_step_begins_is_left_to_the_judge() -> None:
     result = solve(replace(problem, max_step=0.05), "cidgik", Budget(10.0, effort=1.0))
     assert result.solved and result.solver == "cidgik"
     assert any("overlap where the step begins" in stage.note for stage in result.stages)
+
+
+def test_spheres_that_stick_out_of_the_robot_by_as_much_give_way_to_the_judge() -> None:
+    """The step ends 0.5 mm inside; the robot's spheres are up to a millimetre, or nothing, larger than the robot."""
+    begun = Q + 0.00499 * np.array([1.0, -1, 1, -1, 1, 1, -1])
+    step = IKProblem(
+        ROBOT,
+        ROBOT.fk(Q),
+        (beside(-5e-4),),
+        COVER,
+        checker=lambda q: Clearance(1.0),
+        q_reference=begun,
+        max_step=5e-3,
+    )
+    for overshoot, solver in ((1e-3, "cidgik"), (0.0, None)):
+        cover = replace(COVER, kind="outer", overshoot=np.full(len(COVER), overshoot))
+        result = solve(replace(step, cover=cover), "cidgik", Budget(10.0, effort=1.0))
+        assert result.solved == (solver is not None)
+        dropped = [stage for stage in result.stages if "stick out of it by as much" in stage.note]
+        assert bool(dropped) == (solver is not None)
 
 
 def test_no_proof_rests_on_covering_spheres() -> None:

@@ -8,58 +8,20 @@ side among several, and is forgotten at the next restart.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Literal
-
 import numpy as np
-from numpy.typing import NDArray
 
 from workcell.ik.cidgik.instance import Instance
 from workcell.ik.cidgik.reduction import Vectors
 from workcell.ik.cidgik.rows import products
-from workcell.ik.cidgik.solids import Solids, SolidSpheres
+from workcell.ik.cidgik.workspace.rules import KINDS, Key, Kind, Rules
+from workcell.ik.cidgik.workspace.solids import SolidSpheres
 from workcell.ik.shared.convex import KEEP_OFF
-from workcell.ik.trees.query import Balls, Plane
+from workcell.ik.trees.query import Plane
 from workcell.pose import Array, Pose
 
 MOST_ROWS = 192
 """Rows that one cone program may carry; the latest are kept."""
 _MOVES = 1e-9
-
-Kind = Literal["ball", "inside", "apart", "plane", "cover"]
-KINDS: tuple[Kind, ...] = ("ball", "inside", "apart", "plane")
-"""Of the rows that every solution keeps: the balls of a solid's cover are larger than the solid."""
-Key = tuple[Kind, int, int]
-"""A lasting row: point i and obstacle, containing sphere, plane or covering ball j, or points i and j apart."""
-
-
-@dataclass(frozen=True, slots=True)
-class Rules:
-    """What points keep, in the world: see `Workspace`.
-
-    Attributes:
-        radius: (m,) of the spheres around the points.
-        obstacles, inside, planes, apart: as there.
-        solids: to keep out of, None: there are none.
-        tangent: whether solids are parted from points by planes that touch them, not by the spheres that cover them.
-        start: (m, 3) where the points are at the configuration that a step begins from; None: it is no step.
-        margin: metres to keep from obstacles and between points.
-    """
-
-    radius: Array
-    obstacles: Balls
-    inside: Balls
-    planes: tuple[Plane, ...] = ()
-    apart: tuple[tuple[int, int], ...] = ()
-    solids: Solids | None = None
-    tangent: bool = False
-    start: Array | None = None
-    margin: float = 0.0
-
-    def of_points(self, mine: NDArray[np.int64]) -> Rules:
-        """The same for some of the points."""
-        start = None if self.start is None else self.start[mine]
-        return replace(self, radius=self.radius[mine], start=start)
 
 
 class Keeper:
@@ -83,11 +45,10 @@ class Keeper:
         ]
         self._needed: Array = rules.obstacles.radius + rules.radius[:, None] + rules.margin
         self._off = np.where(self._movable, rules.radius + rules.margin, -np.inf)
-        self.covered = (
-            None
-            if rules.solids is None or rules.tangent
-            else SolidSpheres(rules.solids, self._off, rules.start)
-        )
+        self.covered: SolidSpheres | None = None
+        if rules.solids is not None and not rules.tangent:
+            spare = np.zeros(len(self.points)) if rules.spare is None else rules.spare
+            self.covered = SolidSpheres(rules.solids, self._off, rules.start, spare)
         self._lasting: dict[Key, Array] = {}
         self._passing: list[Array] = []
         self.loaded: list[Key | None] = []
@@ -106,12 +67,27 @@ class Keeper:
     @property
     def conservative(self) -> bool:
         """Whether rows are loaded for spheres that cover solids: the solids themselves may allow more."""
-        return self.covered is not None and bool(self.covered.centre)
+        return any(kind == "cover" for kind, _, _ in self._lasting)
 
     @property
     def left_out(self) -> int:
-        """How many pairs of point and solid are not kept apart, because they overlap where the step begins."""
+        """How many pairs of point and solid are not kept apart, and left to the judge."""
         return 0 if self.covered is None else len(self.covered.left_out)
+
+    def give_way(self) -> int:
+        """Drop the rows between spheres that may stick out of the robot and solids that these overlap by as much.
+
+        How many; the judge, who knows the robot itself, is then to say whether they touch.
+        """
+        if self.covered is None:
+            return 0
+        gone = [key for key in self._lasting if key[0] == "cover" and self.covered.may_be_clear(*key[1:])]
+        for key in gone:
+            self.covered.leave_out(*key[1:])
+            del self._lasting[key]
+        if gone:
+            self._load()
+        return len(gone)
 
     def knows(self, keys: Array) -> bool:
         """Whether (k, 3) coded keys (kind, i, j) name rows of these rules."""

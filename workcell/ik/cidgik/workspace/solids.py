@@ -89,45 +89,60 @@ class SolidSpheres:
         needed: (m,) metres that the centre of each of the robot's spheres keeps from a solid; -inf: it can't move.
         start: (m, 3) where the centres are at the configuration that a step begins from, in the world; None: it is no
             step. What overlaps there no row can part, within a step: these pairs of sphere and solid are left out.
+        spare: (m,) metres by which each of the robot's spheres may stick out of the robot: an overlap by so much may be
+            none. Zero where nobody knows better than the spheres.
 
     Attributes:
-        centre, radius: of the balls so far, (3,) in the world, metres.
+        centre, radius, solid: of the balls so far, (3,) in the world, metres, and what they cover.
         left_out: pairs of sphere and solid.
     """
 
-    def __init__(self, solids: Solids, needed: Array, start: Array | None) -> None:
-        self._solids, self._needed = solids, needed
+    def __init__(self, solids: Solids, needed: Array, start: Array | None, spare: Array) -> None:
+        self._solids, self._needed, self._spare = solids, needed, spare
         self.centre: list[Array] = []
         self.radius: list[float] = []
+        self.solid: list[int] = []
         self.left_out: set[tuple[int, int]] = set()
         self._number: dict[bytes, int] = {}
+        self._least: dict[tuple[int, int], float] = {}
         self._start = start
 
     def met(self, centres: Array) -> list[tuple[int, int]]:
         """Sphere and ball of each pair that overlaps, the robot's spheres being at centres (m, 3) in the world."""
         pairs, distances, outwards = self._solids.near(centres, self._needed + OVERSHOOT)
         if len(pairs):
-            self._leave_out()
+            self._look_at_start()
         found = []
         for (i, k), distance, outward in zip(pairs.tolist(), distances.tolist(), outwards, strict=True):
             if (i, k) in self.left_out:
                 continue
             centre, radius = self._solids.ball_between(k, centres[i], distance, outward)
             if np.linalg.norm(centres[i] - centre) < radius + self._needed[i]:
-                found.append((i, self._numbered(centre, radius)))
+                found.append((i, self._numbered(k, centre, radius)))
+                depth = float(self._needed[i]) - distance
+                self._least[i, k] = min(depth, self._least.get((i, k), np.inf))
         return found
 
-    def _leave_out(self) -> None:
+    def may_be_clear(self, i: int, j: int) -> bool:
+        """Whether sphere i has once overlapped the solid of ball j by no more than the sphere itself sticks out."""
+        return bool(self._least[i, self.solid[j]] <= self._spare[i])
+
+    def leave_out(self, i: int, j: int) -> None:
+        """From now on sphere i need not keep out of the solid of ball j."""
+        self.left_out.add((i, self.solid[j]))
+
+    def _look_at_start(self) -> None:
         """Look, once and only where something is near, at what overlaps where a step begins."""
         if self._start is not None:
             pairs, _, _ = self._solids.near(self._start, self._needed + OVERSHOOT)
-            self.left_out = {(i, k) for i, k in pairs.tolist()}
+            self.left_out |= {(i, k) for i, k in pairs.tolist()}
             self._start = None
 
-    def _numbered(self, centre: Array, radius: float) -> int:
-        key = centre.tobytes()
+    def _numbered(self, k: int, centre: Array, radius: float) -> int:
+        key = np.append(centre, k).tobytes()
         if key not in self._number:
             self._number[key] = len(self.centre)
             self.centre.append(centre)
             self.radius.append(radius)
+            self.solid.append(k)
         return self._number[key]

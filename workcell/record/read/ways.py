@@ -20,8 +20,8 @@ class Change:
 
     @property
     def words(self) -> str:
-        """Both, as `0.12 of 0.2`."""
-        return f"{self.largest:.3g}" + ("" if self.bound is None else f" of {self.bound:.3g}")
+        """Both, as `0.12/0.2`."""
+        return f"{self.largest:.2g}" + ("" if self.bound is None else f"/{self.bound:.3g}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +75,8 @@ class WayRow:
         return {**asdict(self), "by": by}
 
 
-WAY_HEAD = (
-    "way", "queries", "solved by", "in cuboids", "cone programs", "CPU ms", "joint step", "link turn", "time on it"
-)  # fmt: skip
+WAY_HEAD = ("way", "queries", "solved by", "cuboids", "programs", "CPU ms", "step", "turn", "time")
+"""In cuboids, cone programs, joint step and link rotation with their bounds, and the share of the time on the way."""
 
 
 def way_rows(

@@ -40,7 +40,11 @@ def way_section(review: Review) -> list[str]:
     """Who answered the queries of each way; nothing where the recording does not tell."""
     rows = [tuple(map(escape, row.cells)) for row in review.ways]
     head = f"<h2>Who planned</h2><p>{escape(review.ways_said)}</p>"
-    return [head, table(WAY_HEAD, rows)] if rows else []
+    told = (
+        "cuboids: solved among them; programs: cone programs; step and turn: largest change of a joint (rad or m) and "
+        "of a link's rotation (Frobenius norm) against its bound; time: share in which a robot was on the way"
+    )
+    return [head, table(WAY_HEAD, rows), f"<p>{escape(told)}</p>"] if rows else []
 
 
 def solver_section(review: Review) -> list[str]:

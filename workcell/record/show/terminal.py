@@ -103,8 +103,9 @@ def _ways(review: Review) -> list[RenderableType]:
     from rich.text import Text
 
     table = Table(title=None, box=None, pad_edge=True, header_style="bold")
-    for k, name in enumerate(WAY_HEAD):
-        table.add_column(name, justify="left" if k in (0, 2) else "right", overflow="fold")
+    for name in WAY_HEAD:
+        words = name in ("way", "solved by")
+        table.add_column(name, justify="left" if words else "right", overflow="fold", no_wrap=not words)
     for row in review.ways:
         table.add_row(*map(Text, row.cells))
     head = Text.assemble(("Who planned", "bold"), f"  {review.ways_said}")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from workcell.pose import Array
-from workcell.record.write.cuboid_use import IN_USE
+from workcell.record.write.cuboid_use import IN_USE, WAYS
 from workcell.record.write.rrd import SOLVER_STEP, TIME, rerun
 from workcell.record.write.solver_log import CPU, LOG, RESIDUAL
 
@@ -21,7 +21,7 @@ def make_blueprint(
 
     Left: the run as it happened, a second tab with what the planner saw (spheres, cuboids, those that it had links in
     coloured by link), and a third with what the solvers did. Right: one time series for each metric and for the joints,
-    the event log, the result, and in how many cuboids the planner had the links.
+    the event log, the result, in how many cuboids the planner had the links, and which ways they are on.
 
     Args:
         robots, objects: escaped names, as they stand in entity paths.
@@ -58,6 +58,7 @@ def make_blueprint(
     events = rrb.TextLogView(origin="/log", name="events")
     result = rrb.TextDocumentView(origin="/result", name="result")
     in_use = rrb.TimeSeriesView(origin=f"/metrics/{IN_USE}", name="cuboids that decided")
+    ways = [rrb.TextDocumentView(origin=f"/{WAYS}/{name}", name=f"way of {name}") for name in robots]
     solvers = rrb.Vertical(
         rrb.TimeSeriesView(
             origin=f"/{RESIDUAL}", name=f"log10 of the rank residual (choose the timeline {SOLVER_STEP})"
@@ -73,7 +74,7 @@ def make_blueprint(
                 view("what the planner sees", visual),
                 solvers,
             ),
-            rrb.Vertical(*plots, rrb.Tabs(events, result, in_use)),
+            rrb.Vertical(*plots, rrb.Tabs(events, result, in_use, *ways)),
             column_shares=[3, 2],
         ),
         rrb.TimePanel(timeline=TIME, state=rrb.PanelState.Collapsed),

@@ -98,6 +98,7 @@ def test_rows_sum_up_the_answers_that_the_judge_accepted() -> None:
         stats={"cpu_s": 0.05, "ikspark.sdps": 8.0},
         stages=(SolverStage("cuboids grown", 0.02), SolverStage("relaxation", 0.03)),
         free_space=free_space,
+        cuboids=np.zeros(10, dtype=np.int64),
     )
     built = {"ikspark.build_cpu_s": 0.04, "ikspark.built": 0.0, "ikspark.sdps": 2.0}
     lost = IKResult(Status.NOT_FOUND, "ikspark", stats={"cpu_s": 0.15, **built}, free_space=free_space)

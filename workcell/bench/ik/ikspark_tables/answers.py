@@ -116,7 +116,7 @@ def _counted(result: IKResult, count: str) -> float | None:
 
 
 def _is_in_cuboids(result: IKResult) -> bool:
-    return result.solved and result.free_space is not None
+    return result.solved and result.cuboids is not None
 
 
 def _regions(result: IKResult) -> float | None:

@@ -10,16 +10,21 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell import clock
 from workcell.bench.ik.ikspark_tables.algorithm1 import Ascent, ascend_to_rank_one, judged
 from workcell.bench.ik.ikspark_tables.building import SEEDS, Building, build, every_pair, prune
 from workcell.bench.ik.ikspark_tables.perspective import PerspectiveSet
+from workcell.geometry.free_space.cuboids import holds_spheres
+from workcell.geometry.types import FreeSpace
 from workcell.ik.ikspark.instance import instance_of
 from workcell.ik.problem import IKProblem
 from workcell.ik.result import IKResult
 
 STARTS, ITERATIONS = 4, 50
+_ROUNDING = 1e-5
+"""Metres by which cone programs may miss a cuboid."""
 
 
 def solve_by_recipe(problem: IKProblem, seed: int, *, pruned: bool = True) -> IKResult:
@@ -41,7 +46,8 @@ def solve_by_recipe(problem: IKProblem, seed: int, *, pruned: bool = True) -> IK
                 result = judged(problem, instance, ascent, {})
     stats |= {"ikspark.sdps": float(programs), "ikspark.restarts": float(starts)}
     spent = {"cpu_s": clock.cpu_seconds() - began}
-    return replace(result, stats={**stats, **spent}, free_space=built.free_space)
+    held = _cuboids_of(problem, result, built.free_space)
+    return replace(result, stats={**stats, **spent}, free_space=built.free_space, cuboids=held)
 
 
 def _built(problem: IKProblem, seed: int, pruned: bool) -> Building:
@@ -51,3 +57,13 @@ def _built(problem: IKProblem, seed: int, pruned: bool) -> Building:
         return build(problem, biased=True, polytopes=False, seed=seed, seeds=seeds, pruned=pruned)
     allowed = prune(problem, problem.free_space) if pruned else every_pair(problem, problem.free_space)
     return Building(problem.free_space, allowed, 0.0, 0.0)
+
+
+def _cuboids_of(problem: IKProblem, result: IKResult, space: FreeSpace) -> NDArray[np.int64] | None:
+    """(m,) a cuboid of each sphere; None where a sphere is in none: in their hull, and clear, but between them."""
+    if result.q is None or problem.cover is None:
+        return None
+    centres = problem.cover.centres_world(problem.robot.link_transforms(result.q))
+    slack = problem.cover.radius - _ROUNDING
+    inside = holds_spheres(space, centres, slack)
+    return np.argmax(inside, axis=1) if inside.any(axis=1).all() else None

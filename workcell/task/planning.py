@@ -10,7 +10,7 @@ from typing import NoReturn
 from workcell.errors import InputError
 from workcell.files import write_json_atomic
 from workcell.ik.explain.why_not import explain
-from workcell.ik.problem import POSE_BUDGET, IKProblem
+from workcell.ik.problem import POSE_BUDGET, Budget, IKProblem
 from workcell.ik.result import IKResult
 from workcell.ik.solve import solve
 from workcell.motion.body import Upright
@@ -32,6 +32,8 @@ MOVING = PlanSettings(clearance=0.002, iterations=6000)
 """How joint motions between two configurations are planned."""
 LOOKING = replace(MOVING, iterations=1000, attempts=1)
 """How hard it is tried to get to a configuration that is one of several."""
+LOOKING_BUDGET, LOOKING_HALVINGS = Budget(60.0, effort=0.1), 3
+"""What a step of such a try may take, and how often it is halved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,9 +93,15 @@ class Planning:
         tolerance: PathTolerance | None = None,
     ) -> Path:
         """A continuous joint path along tool poses, by the planner's steps; without one the task ends with why."""
+        budget = None
+        if self.story.trying:
+            limits = replace(limits, max_halvings=min(limits.max_halvings, LOOKING_HALVINGS))
+            budget = LOOKING_BUDGET
         with self.story.asking(what, world):
             problem = world.problem(poses[0])
-            solver = steps_of(self.planner, problem, tolerance=tolerance, limits=limits, seed=self.seed)
+            solver = steps_of(
+                self.planner, problem, tolerance=tolerance, limits=limits, budget=budget, seed=self.seed
+            )
             result = follow(problem, poses, q_start, tolerance=tolerance, limits=limits, solver=solver)
         if result.path is None or not result.followed:
             where = "" if result.failure is None else f" {result.failure.words}"

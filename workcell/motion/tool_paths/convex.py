@@ -9,7 +9,7 @@ import numpy as np
 from workcell.ik.result import IKResult, Status
 from workcell.ik.solve import solve
 from workcell.motion.tool_paths.graph import Routes
-from workcell.motion.tool_paths.planners import STEP_BUDGET, steps_of
+from workcell.motion.tool_paths.planners import OWN_STEP_BUDGET, steps_of
 from workcell.motion.tool_paths.query import RouteQuery
 from workcell.motion.tool_paths.result import FollowResult
 from workcell.motion.tool_paths.starts import with_turns
@@ -30,15 +30,18 @@ class ConvexSteps:
         """Configurations (n,) of the first pose, and the solver's last answer."""
         query, found = self.query, list[Array]()
         poses = starting_poses(query.poses[0], query.tolerance)
-        answer = IKResult(Status.NOT_FOUND, query.solver)
+        answer, hopeless = IKResult(Status.NOT_FOUND, query.solver), set[int]()
         for k in range(STARTS):
+            turn = k % len(poses)
+            if turn in hopeless:
+                continue
             near = query.near if k < len(poses) else None
-            asked = replace(query.problem, target=poses[k % len(poses)], q_reference=near)
-            answer = solve(asked, solver=query.solver, budget=STEP_BUDGET, seed=query.seed + k)
+            asked = replace(query.problem, target=poses[turn], q_reference=near)
+            answer = solve(asked, solver=query.solver, budget=OWN_STEP_BUDGET, seed=query.seed + k)
             if answer.q is not None and answer.solved:
                 found.append(np.array(answer.q))
-            if answer.status.is_proof and query.tolerance.exact:
-                break
+            if answer.status.is_proof:
+                hopeless.add(turn)
         return with_turns(query.template.robot, found, query.near), answer
 
     def motions(self, foretold: Routes) -> list[tuple[int, Array]]:

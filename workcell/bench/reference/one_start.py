@@ -2,8 +2,9 @@
 
 The relaxation, Problem 5 and the angles are those of `workcell.ik.cidgik`; what is not the paper's in its solver is
 left out: no restart from another objective, no rows added later (every joint point keeps out of every sphere from the
-first cone program on), no polish. Ranks are weighed over all points that the paper has as variables, also those that
-the goal fixes; the solver leaves these out.
+first cone program on), no polish. Ranks are weighed over the points that the paper has as variables, also those that
+the goal fixes, which the solver leaves out; only axes that are normal to both their neighbours are no variables here
+(of the UR10 there are none).
 """
 
 from __future__ import annotations

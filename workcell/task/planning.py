@@ -11,6 +11,7 @@ from workcell.errors import InputError
 from workcell.files import write_json_atomic
 from workcell.ik.explain.why_not import explain
 from workcell.ik.problem import POSE_BUDGET, Budget, IKProblem
+from workcell.ik.registry import plans_alone
 from workcell.ik.result import IKResult
 from workcell.ik.solve import solve
 from workcell.motion.body import Upright
@@ -97,6 +98,7 @@ class Planning:
         if self.story.trying:
             limits = replace(limits, max_halvings=min(limits.max_halvings, LOOKING_HALVINGS))
             budget = LOOKING_BUDGET
+        world = world.fitting(poses) if plans_alone(self.planner) else world
         with self.story.asking(what, world):
             problem = world.problem(poses[0])
             solver = steps_of(

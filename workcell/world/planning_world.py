@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from workcell.errors import InputError, UnknownNameError
 from workcell.geometry.covers.outer import attached_cover, merge_covers
 from workcell.geometry.free_space.cuboids import biased_seeds
+from workcell.geometry.free_space.fill import workspace_box
 from workcell.geometry.free_space.pool import FreeSpacePool
 from workcell.geometry.pieces import scene_obstacles
 from workcell.geometry.types import FreeSpace, Piece, SphereCover, obstacle_name
@@ -19,10 +20,10 @@ from workcell.ik.problem import ITSELF, IKProblem, Tolerances
 from workcell.model.collision_model import CollisionModel
 from workcell.model.grip import fingers_at, fingers_holding, hand_clearance
 from workcell.model.labels import geom_name, geoms_called, obstacle_label
-from workcell.model.robot import Robot
 from workcell.model.scene import Scene, robot_scene
 from workcell.model.scene_parts import SceneRobot
 from workcell.pose import Array, Pose
+from workcell.world.fitting_cover import fitting_cover, hand_pieces
 from workcell.world.hand_cover import cover_with_fingers
 from workcell.world.inner_model import inner_model
 from workcell.world.model_clearance import ModelClearance
@@ -96,7 +97,7 @@ class PlanningWorld:
             robot=actor,
             cover=cover,
             obstacles=obstacles,
-            pool=FreeSpacePool(obstacles, workspace_bounds(actor.robot), cover.radius),
+            pool=FreeSpacePool(obstacles, workspace_box(actor.robot), cover.radius),
             collision=CollisionModel(scene, actor.name),
             overshoot=overshoot,
             seed=seed,
@@ -180,6 +181,17 @@ class PlanningWorld:
                 raise UnknownNameError("geom", name, names, where="close_to")
             near.add(names[name])
         return self._among(piece for piece in self.obstacles if piece.geom not in near)
+
+    def fitting(self, way: Sequence[Pose]) -> PlanningWorld:
+        """The same world with finer spheres on the hand, and what it holds, where its spheres touch along tool poses.
+
+        They share this world's free space. What touches even then, stays; the compiled model decides.
+        """
+        tool = self.robot.robot.tool()
+        places = np.array([(pose @ tool.T_link_tool.inverse()).matrix for pose in way]).reshape(-1, 4, 4)
+        pieces = hand_pieces(self.scene, self.robot, self.attached)
+        cover = fitting_cover(self.cover, pieces, tool.link, places, self.obstacles)
+        return self if cover is self.cover else replace(self, cover=cover)
 
     def _among(self, obstacles: Iterable[Piece]) -> PlanningWorld:
         """The same world among other obstacles, with what of its free space is free of them."""
@@ -280,10 +292,3 @@ def _geom_pairs(scene: Scene, thing: str, supports: Iterable[int]) -> list[tuple
     """Every geom of an object with every support."""
     mine = np.isin(scene.model.geom_bodyid, list(scene.object(thing).body_ids))
     return [(int(geom), other) for geom in np.flatnonzero(mine) for other in supports]
-
-
-def workspace_bounds(robot: Robot, slack: float = 0.2) -> Array:
-    """(2, 3) corners of a box that holds every point the robot can reach, its base included, with `slack` metres."""
-    origin = robot.T_world_base.apply(robot.joint_xyz[0])
-    radius = robot.reach() + slack
-    return np.array([origin - radius, origin + radius])

@@ -15,6 +15,7 @@ import numpy as np
 
 from workcell.errors import InputError
 from workcell.ik.problem import Clearance
+from workcell.ik.registry import plans_alone
 from workcell.model.collision_model import CollisionModel
 from workcell.model.joined import columns, joined_robot
 from workcell.model.labels import geoms_called
@@ -211,7 +212,8 @@ def carry(
     arms, columns_of = {}, []
     for name, grasp in team.grasps.items():
         poses = [pose @ grasp for pose in object_poses]
-        problem = team.worlds[name].problem(poses[0])
+        world = team.worlds[name]
+        problem = (world.fitting(poses) if plans_alone(solver) else world).problem(poses[0])
         steps = steps_of(solver, problem, limits=limits, seed=seed)
         arms[name] = follow(problem, poses, starts[name], limits=limits, solver=steps)
         path = arms[name].path

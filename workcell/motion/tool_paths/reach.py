@@ -16,6 +16,7 @@ import numpy as np
 
 from workcell.errors import InputError
 from workcell.ik.problem import POSE_BUDGET, Budget
+from workcell.ik.registry import plans_alone
 from workcell.ik.result import IKResult
 from workcell.ik.solve import solve
 from workcell.motion.body import Upright
@@ -96,7 +97,11 @@ def reach(
         raise InputError(
             "there is no way to choose from", where="ways", remedy="one list of tool poses or more"
         )
-    queries = [_Query(world, tuple(inward), limits, upright, solver, seed) for inward in ways]
+    worlds = [world.fitting(inward) if plans_alone(solver) else world for inward in ways]
+    queries = [
+        _Query(one, tuple(inward), limits, upright, solver, seed)
+        for one, inward in zip(worlds, ways, strict=True)
+    ]
     failures: list[str] = []
     if goal is not None:
         found = queries[0].ending_in(goal, q_start)

@@ -1,0 +1,82 @@
+"""Finer spheres where the hand comes close: they still hold the hand, and touch nothing there."""
+
+import numpy as np
+import pytest
+
+from tests.geometry.shapes import points_inside
+from workcell.geometry.obstacle_arrays import ObstacleArrays
+from workcell.model.scene import Scene
+from workcell.motion.tool_paths.poses import line
+from workcell.pose import Pose
+from workcell.world.fitting_cover import hand_pieces
+from workcell.world.planning_world import PlanningWorld
+
+
+@pytest.fixture(scope="module")
+def bin_world():
+    """A hand in a bin with a part between its fingers, and the way out: (world, poses)."""
+    scene = Scene.load("tasks/bin_picking.toml")
+    grasp = scene.site_pose("block/grasp")
+    world = PlanningWorld.of(scene, opening=scene.task["opening"], approached=["block"])
+    carrying = world.holding("block", grasp.inverse() @ scene.object_pose("block"))
+    up = Pose.from_xyz([0.0, 0.0, scene.task["lift"]]) @ grasp
+    return carrying.standing_on(scene.task["floor"]), tuple(line(grasp, up))
+
+
+def clearances(world, pose, *, radii=True):
+    """(m,) metres between the tool link's spheres (or their centres) at a tool pose and the nearest obstacle."""
+    tool = world.robot.robot.tool()
+    its = world.cover.link == tool.link
+    centres = (pose @ tool.T_link_tool.inverse()).apply(world.cover.centre[its])
+    return ObstacleArrays(world.obstacles).distances(centres).min(axis=1) - radii * world.cover.radius[its]
+
+
+def test_spheres_that_touch_on_the_way_are_finer_and_touch_no_more(bin_world):
+    world, way = bin_world
+    fitted = world.fitting(way)
+    assert min(clearances(world, pose).min() for pose in way) < 0
+    assert min(clearances(fitted, pose).min() for pose in way) > 0
+    assert len(world.cover) < len(fitted.cover) < 5 * len(world.cover)
+    assert fitted.pool is world.pool and fitted.obstacles is world.obstacles
+
+
+def test_every_point_of_the_hand_and_of_what_it_holds_is_in_a_sphere(bin_world):
+    world, way = bin_world
+    cover = world.fitting(way).cover
+    its = cover.link == world.robot.robot.tool().link
+    pieces = hand_pieces(world.scene, world.robot, world.attached)
+    assert {piece.name for piece in pieces} >= {"block/block", "iiwa14/gripper/finger_left_collision"}
+    for piece in pieces:
+        points = points_inside(np.random.default_rng(0), piece, 4000)
+        apart = np.linalg.norm(points[:, None] - cover.centre[its], axis=2)
+        assert np.all((apart <= cover.radius[its] + 1e-9).any(axis=1)), piece.name
+
+
+def test_other_links_keep_their_spheres_and_their_spheres_the_names_of_their_pieces(bin_world):
+    world, way = bin_world
+    cover, link = world.fitting(way).cover, world.robot.robot.tool().link
+    for before, after in zip(
+        (world.cover.centre, world.cover.radius), (cover.centre, cover.radius), strict=True
+    ):
+        assert np.array_equal(before[world.cover.link < link], after[cover.link < link])
+    assert len(cover.source) == len(cover) and "block/block" in cover.source
+    assert np.all(cover.overshoot <= world.overshoot + 1e-9)
+
+
+def test_where_nothing_touches_the_world_is_the_same(bin_world):
+    world, _ = bin_world
+    high = (Pose.from_xyz([0.4, 0.0, 1.0]),)
+    assert world.fitting(high) is world and world.fitting(()) is world
+
+
+def test_a_hand_inside_an_obstacle_is_still_covered(bin_world):
+    world, way = bin_world
+    sunk = Pose.from_xyz([0.0, 0.0, -0.05]) @ way[0]
+    fitted = world.fitting((sunk,))
+    assert clearances(fitted, sunk).min() < 0 and fitted.cover.kind == "outer"
+
+
+def test_what_fits_is_not_made_finer_again(bin_world):
+    world, way = bin_world
+    fitted = world.fitting(way)
+    assert fitted.fitting(way) is fitted

@@ -1,0 +1,111 @@
+"""Finer spheres where the hand comes close: those that touch obstacles along a way are replaced by smaller ones.
+
+Where the tool's link is at a tool pose is no choice. So a sphere of it that touches something there, though the hand
+does not, leaves a planner nothing to choose from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workcell.geometry.covers.outer import cover_of, merge_covers
+from workcell.geometry.obstacle_arrays import ObstacleArrays
+from workcell.geometry.pieces import move_piece, pieces_of_bodies, robot_pieces
+from workcell.geometry.types import Piece, SphereCover
+from workcell.model.scene import Scene
+from workcell.model.scene_parts import SceneRobot, body_pose
+from workcell.pose import Array, Pose
+
+FINER = (0.01, 0.006, 0.004)
+"""Metres by which finer spheres may stick out, one after the other, until none touches."""
+_ROOM = 1e-3
+"""Metres that a sphere should have around it: for the pose's tolerance, and a cuboid's gap."""
+
+
+def fitting_cover(
+    cover: SphereCover, pieces: Sequence[Piece], link: int, T_world_link: Array, obstacles: Sequence[Piece]
+) -> SphereCover:
+    """The cover with smaller spheres in place of those of one link that touch obstacles; itself if none does.
+
+    It still holds all that it held: the smaller ones cover every piece that a replaced one meets, as far as that one
+    reaches.
+
+    Args:
+        cover: outer spheres in link frames.
+        pieces: all that is on the link, in its frame.
+        link: its index.
+        T_world_link: (k, 4, 4) where it will be.
+        obstacles: convex pieces in the world frame.
+    """
+    packed = ObstacleArrays(obstacles)
+    for overshoot in FINER:
+        assert cover.overshoot is not None  # set by SphereCover
+        touching = (cover.link == link) & (cover.overshoot > overshoot)
+        touching[touching] = _touching(_part(cover, touching), T_world_link, packed)
+        if not touching.any():
+            break
+        cover = _refined(cover, touching, pieces, link, overshoot)
+    return cover
+
+
+def hand_pieces(scene: Scene, robot: SceneRobot, attached: tuple[str, Pose] | None) -> tuple[Piece, ...]:
+    """All that is on the tool's link, in its frame: hand, fingers, and an object (T_tool_object) that it holds."""
+    tool = robot.robot.tool()
+    pieces = robot_pieces(scene.model, robot)[tool.link]
+    if attached is None:
+        return pieces
+    held, qpos = scene.object(attached[0]), np.array(scene.model.qpos0)
+    held.place(qpos, Pose.identity())
+    T_object_world = body_pose(scene.model, held.body_id, qpos).inverse()
+    T_link_world = tool.T_link_tool @ attached[1] @ T_object_world
+    carried = pieces_of_bodies(scene.model, sorted(held.body_ids), qpos)
+    return (*pieces, *(move_piece(piece, T_link_world) for piece in carried))
+
+
+def _touching(cover: SphereCover, T_world_link: Array, packed: ObstacleArrays) -> NDArray[np.bool_]:
+    """(m,) which spheres of one link have less than some room around them in one of its places."""
+    rotation, position = T_world_link[:, None, :3, :3], T_world_link[:, None, :3, 3]
+    centres = (rotation @ cover.centre[None, :, :, None])[..., 0] + position
+    touching: NDArray[np.bool_] = np.any(packed.nearest(centres)[0] < cover.radius + _ROOM, axis=0)
+    return touching
+
+
+def _refined(
+    cover: SphereCover, gone: NDArray[np.bool_], pieces: Sequence[Piece], link: int, overshoot: float
+) -> SphereCover:
+    """The cover without some spheres of a link, and with finer ones wherever those met a piece."""
+    kept = _part(cover, ~gone)
+    fellows = kept.link == link
+    parts = [kept]
+    for piece in pieces:
+        near = ObstacleArrays([piece]).distances(cover.centre[gone])[:, 0] < cover.radius[gone]
+        if not near.any():
+            continue
+        # covered in its own frame: the same numbers, and the same cover, wherever the fingers are
+        fine = cover_of([replace(piece, pose=Pose.identity())], overshoot, link=link)
+        fine = replace(fine, centre=piece.pose.apply(fine.centre))
+        apart = np.linalg.norm(fine.centre[:, None] - cover.centre[gone][near], axis=2)
+        needed = np.any(apart < fine.radius[:, None] + cover.radius[gone][near], axis=1)
+        beside = np.linalg.norm(fine.centre[:, None] - kept.centre[fellows], axis=2)
+        needed &= ~np.any(
+            beside + fine.radius[:, None] <= kept.radius[fellows], axis=1
+        )  # those hold it already
+        parts.append(_part(fine, needed))
+    return merge_covers(*parts)
+
+
+def _part(cover: SphereCover, chosen: NDArray[np.bool_]) -> SphereCover:
+    """Some spheres (m,) of a cover."""
+    assert cover.overshoot is not None  # set by SphereCover
+    return SphereCover(
+        cover.link[chosen],
+        cover.centre[chosen],
+        cover.radius[chosen],
+        cover.kind,
+        cover.overshoot[chosen],
+        tuple(name for name, its in zip(cover.source, chosen, strict=False) if its),
+    )

@@ -5,12 +5,17 @@ from __future__ import annotations
 import tempfile
 import time
 from contextlib import nullcontext
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from workcell.bench.rows import Bench, Row
 from workcell.bench.runs.tracking import motions
+from workcell.ik.observing import report
+from workcell.ik.problem import IKProblem
+from workcell.ik.result import IKResult
 from workcell.ik.solve import solve
 from workcell.model.scene import Scene
 from workcell.motion.path import Trajectory
@@ -21,15 +26,38 @@ from workcell.world.planning_world import PlanningWorld
 
 _SECONDS = 20.0
 _QUERIES = 40
+_NEAR = 1e-3
+"""Radians by which the answers of a way may differ from the motion's configurations."""
 _FILE = "run.rrd"
 
 
-def _execute(world: PlanningWorld, motion: Trajectory, recording: Recording | None) -> None:
-    """Twenty simulated seconds of one motion, there and back again."""
+Answered = list[tuple[IKProblem, IKResult]]
+
+
+def _way(world: PlanningWorld, motion: Trajectory) -> Answered:
+    """Steps of IKSPARK to configurations of the motion, found among cuboids where it can: a recording follows them."""
+    robot, before = world.robot.robot, np.array(motion.q[0])
+    answered: Answered = []
+    for q in motion.q[np.linspace(0, len(motion.q) - 1, _QUERIES).astype(int)]:
+        problem = replace(world.problem(robot.fk(q)), q_reference=q, max_step=_NEAR)
+        result = solve(problem, solver="ikspark")
+        if result.q is not None:
+            answered.append((replace(problem, q_reference=before), result))
+            before = np.array(result.q)
+    return answered
+
+
+def _execute(
+    world: PlanningWorld, motion: Trajectory, answered: Answered, recording: Recording | None
+) -> None:
+    """Twenty simulated seconds of one motion, there and back again, along a way that was asked for."""
     if recording is not None:
         recording.log_scene(world.scene)
         recording.log_cover(world.robot, world.cover)
         recording.log_free_space(world.free_space)
+        with recording.queries("the way"):
+            for problem, result in answered:
+                report(problem, result)
     simulation = Simulation(world.scene, on_chunk=None if recording is None else recording.log_execution)
     while simulation.time < _SECONDS:
         simulation.execute(motion)
@@ -50,17 +78,19 @@ def recording_cost(n: int, seed: int, sets: Path | None) -> list[Row]:
     motion = next(motions(scene, 1, seed))
     rerun()  # its import is no part of what is measured, as little as compiling is
     rows: list[Row] = []
-    for name, work in (("20 s of motion", _execute), (f"{_QUERIES} queries of ikspark", _ask)):
-        work(world, motion, None)
+    execute = partial(_execute, world, motion, _way(world, motion))
+    ask = partial(_ask, world, motion)
+    for name, work in (("20 s of motion", execute), (f"{_QUERIES} queries of ikspark", ask)):
+        work(None)
         plain, recorded, sizes = [], [], []
         for _ in range(n):
             begun = time.process_time()
-            work(world, motion, None)
+            work(None)
             plain.append(time.process_time() - begun)
             with tempfile.TemporaryDirectory() as folder:
                 begun = time.process_time()
                 with Recording(Path(folder) / _FILE, task="cost") as recording:
-                    work(world, motion, recording)
+                    work(recording)
                 recorded.append(time.process_time() - begun)
                 sizes.append((Path(folder) / _FILE).stat().st_size / 1e6)
         ratio = float(np.median(recorded) / np.median(plain))

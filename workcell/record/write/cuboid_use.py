@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -96,13 +96,13 @@ class CuboidUse:
             if not follower.told:
                 continue
             states: dict[int, list[LinkState]] = {link: [] for link in follower.told}
-            rows = []
-            for at, waypoint in zip(q, waypoints, strict=True):
-                now, *measured = self._at(robot.robot, at, waypoint)
-                rows.append(measured)
+            metrics = []
+            for waypoint, rows in _runs(waypoints):
+                now, measured = self._during(robot.robot, q[rows], waypoint)
+                metrics.append(measured)
                 for link, past in states.items():
-                    past.append(now.get(link, LinkState()))
-            for name, column in zip((IN_USE, OUTSIDE, BY), np.array(rows, dtype=float).T, strict=True):
+                    past += now.get(link, [LinkState()] * len(measured))
+            for name, column in zip((IN_USE, OUTSIDE, BY), np.concatenate(metrics).T, strict=True):
                 self._writer.send_scalars(f"metrics/{name}/{entity(robot.name)}", indexes, column)
             for link, past in states.items():
                 self._send_link(indexes, follower, link, past)
@@ -123,26 +123,30 @@ class CuboidUse:
             index = (indexes[0][rows], indexes[1][rows])
             self._writer.send_documents(f"{WAYS}/{entity(follower.robot.name)}", index, texts)
 
-    def _at(
+    def _during(
         self, robot: Robot, q: Array, waypoint: Waypoint | None
-    ) -> tuple[dict[int, LinkState], int, float, float]:
-        """The links' states at q (n,), and the three metrics; the last two are nan where no cuboid decided."""
+    ) -> tuple[dict[int, list[LinkState]], Array]:
+        """The links' states at q (T, n) near one waypoint, and the metrics (T, 3): nan where no cuboid decided."""
+        none = np.tile([0.0, np.nan, np.nan], (len(q), 1))
         if waypoint is None or waypoint.cover is None or waypoint.solids is None:
-            return {}, 0, np.nan, np.nan
+            return {}, none
         cover, mine = waypoint.cover, np.flatnonzero(waypoint.solids >= 0)
         if not len(mine):
-            return {}, 0, np.nan, np.nan
-        centres = cover.centres_world(robot.link_transforms(q))[mine]
-        solids, links, depth = waypoint.solids[mine], cover.link[mine], np.zeros(len(mine))
+            return {}, none
+        centres = cover.centres_world(robot.link_transforms(q))[:, mine]
+        solids, links, radii = waypoint.solids[mine], cover.link[mine], cover.radius[mine]
+        depth = np.zeros((len(q), len(mine)))
         for number in np.unique(solids).tolist():
             its = solids == number
-            depth[its] = self._solids[number].depth_outside(centres[its], cover.radius[mine][its])
+            depth[:, its] = self._solids[number].depth_outside(centres[:, its], radii[its])
         out = depth > ROUNDING_M
-        states = {
-            link: LinkState(tuple(np.unique(solids[links == link]).tolist()), int(out[links == link].sum()))
-            for link in np.unique(links).tolist()
-        }
-        return states, len(np.unique(solids)), int(out.sum()), max(float(depth.max()), 0.0)
+        states = {}
+        for link in np.unique(links).tolist():
+            its, counts = links == link, out[:, links == link].sum(axis=1)
+            numbers = tuple(np.unique(solids[its]).tolist())
+            states[link] = [LinkState(numbers, count) for count in counts.tolist()]
+        used = np.full(len(q), len(np.unique(solids)))
+        return states, np.column_stack([used, out.sum(axis=1), depth.max(axis=1).clip(min=0.0)])
 
     def _send_link(self, indexes: Indexes, follower: _Follower, link: int, past: Sequence[LinkState]) -> None:
         """The rows at which a link's cuboids, or the number of its spheres outside of them, change."""
@@ -175,3 +179,12 @@ class CuboidUse:
     @staticmethod
     def _path(robot: SceneRobot, link: int) -> str:
         return f"world/{IN_USE}/{entity(robot.name, robot.robot.link_names[link])}"
+
+
+def _runs(waypoints: Sequence[Waypoint | None]) -> Iterator[tuple[Waypoint | None, slice]]:
+    """Each waypoint with the rows, one after the other, at which it is the one."""
+    begin = 0
+    for end in range(1, len(waypoints) + 1):
+        if end == len(waypoints) or waypoints[end] is not waypoints[begin]:
+            yield waypoints[begin], slice(begin, end)
+            begin = end

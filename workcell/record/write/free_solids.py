@@ -43,8 +43,8 @@ class FreeSolid:
         return FreeSolid(polytope.A, polytope.b, None, solid.vertices[_walk(solid.edges)])
 
     def depth_outside(self, centres: Array, radii: Array) -> Array:
-        """(m,) metres by which spheres, centres (m, 3) and radii (m,), stick out of it; negative: wholly inside."""
-        depth: Array = np.max(centres @ self.A.T - self.b, axis=1) + radii
+        """(..., m) metres by which spheres, centres (..., m, 3) and radii (m,), stick out; negative: wholly inside."""
+        depth: Array = np.max(centres @ self.A.T - self.b, axis=-1) + radii
         return depth
 
 

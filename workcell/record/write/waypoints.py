@@ -45,17 +45,15 @@ class Waypoints:
     def __init__(self) -> None:
         self._all: list[Waypoint] = []
         self._begins: list[int] = []
+        self._latest: dict[bytes, int] = {}
         self._stretch, self._share, self._direction, self._furthest = 0, 0.0, 0, -1
 
     def add(self, waypoint: Waypoint) -> None:
         """One more; steps begin at an earlier one, or where none was answered."""
-        self._begins.append(self._at(waypoint.before))
+        number = len(self._all)
+        self._begins.append(self._latest.get(waypoint.before.tobytes(), number))
+        self._latest[waypoint.q.tobytes()] = number
         self._all.append(waypoint)
-
-    def _at(self, q: Array) -> int:
-        """The last waypoint at a configuration; the one that is about to be added where there is none."""
-        found = [k for k, known in enumerate(self._all) if np.abs(known.q - q).max() < _SAME]
-        return found[-1] if found else len(self._all)
 
     def along(self, q: Array) -> list[Waypoint | None]:
         """For each of some configurations (T, n), one after the other, the waypoint that is nearest on its way.
@@ -69,16 +67,15 @@ class Waypoints:
         stretch = ends - begins
         length = np.linalg.norm(stretch, axis=1)
         square = np.maximum(length**2, 1e-300)
-        found: list[Waypoint | None] = []
-        for at in q:
-            share = np.clip(np.sum((at - begins) * stretch, axis=1) / square, 0.0, 1.0)
-            off = np.abs(at - begins - share[:, None] * stretch).max(axis=1)
-            alike = np.flatnonzero(off <= min(off.min() + _ALIKE, OFF_WAY))
-            if not len(alike):
-                found.append(None)
-                continue
-            k = self._go_on(alike, share, length)
-            found.append(self._all[k if share[k] >= 0.5 or length[k] < _SAME else self._begins[k]])
+        from_begin = q[:, None] - begins
+        share = np.clip(np.einsum("tkn,kn->tk", from_begin, stretch) / square, 0.0, 1.0)
+        off = np.abs(from_begin - share[..., None] * stretch).max(axis=2)
+        near = off <= np.minimum(off.min(axis=1, keepdims=True) + _ALIKE, OFF_WAY)
+        found: list[Waypoint | None] = [None] * len(q)
+        for row in np.flatnonzero(near.any(axis=1)).tolist():
+            k = self._go_on(np.flatnonzero(near[row]), share[row], length)
+            at_end = share[row, k] >= 0.5 or length[k] < _SAME
+            found[row] = self._all[k if at_end else self._begins[k]]
         return found
 
     def _go_on(self, alike: NDArray[np.int64], share: Array, length: Array) -> int:

@@ -39,7 +39,8 @@ def outside_at_pose(problem: IKProblem, pose: Pose) -> str:
 
 def _outside(problem: IKProblem, transforms: Array) -> NDArray[np.bool_]:
     """(m,) whether each sphere lies in neither a cuboid nor a polytope, its link as placed (links, 4, 4)."""
-    cover, space = problem.cover, problem.free_space
+    cover = problem.cover
+    space = problem.free_space if problem.grow is None else problem.grow(np.zeros((0, 3)))
     assert cover is not None
     if space is None or not problem.obstacles:
         return np.zeros(len(cover), dtype=np.bool_)

@@ -148,7 +148,7 @@ def test_free_space_of_another_scene_or_cover_is_refused() -> None:
     far = FreeSpace(
         np.array([[2.0, 2, 2]]), np.array([[2.5, 2.5, 2.5]]), admissible=np.ones((3, 1), dtype=bool)
     )
-    with pytest.raises(InputError, match="table is of 3 spheres"):
+    with pytest.raises(InputError, match="table of pairs is of another"):
         solve_ikspark(replace(problem, free_space=far), BUDGET, 0)
     polytope = inflate_polytope(middle, (), BOUNDS)
     assert polytope is not None

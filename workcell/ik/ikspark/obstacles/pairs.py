@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.errors import InputError
+from workcell.geometry.free_space.admissible import check_table
 from workcell.geometry.types import FreeSpace
 from workcell.ik.ikspark.obstacles.regions import Regions
 from workcell.ik.problem import STEP_SLACK, IKProblem
@@ -86,14 +86,9 @@ def region_pairs(problem: IKProblem, regions: Regions, *, steps: bool = True) ->
 
 
 def checked_table(problem: IKProblem, free_space: FreeSpace) -> NDArray[np.bool_]:
-    """The free space's table of pairs, if it is of the problem's cover."""
+    """The free space's table of pairs, if it is of the problem's robot and cover."""
     assert problem.cover is not None and free_space.admissible is not None
-    if len(free_space.admissible) != len(problem.cover):
-        raise InputError(
-            f"the free space's table is of {len(free_space.admissible)} spheres, the cover has {len(problem.cover)}",
-            where="free_space.admissible",
-            remedy="make it for this cover (workcell.geometry.free_space.admissible.with_table)",
-        )
+    check_table(problem.robot, problem.cover, free_space)
     return free_space.admissible
 
 

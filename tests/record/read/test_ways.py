@@ -175,6 +175,24 @@ def test_the_joint_nearest_to_its_own_bound_counts(tmp_path: Path, robot: Robot)
     assert row.link_rotation is not None and row.link_rotation.bound is None
 
 
+@pytest.mark.parametrize(("bound", "passes"), [(0.11, True), (0.1, False)])
+def test_a_step_beyond_its_bound_fails_the_review(
+    tmp_path: Path, robot: Robot, bound: float, passes: bool
+) -> None:
+    """As no judge would let it, and a document might say."""
+    q = HERE + np.array([0, 0, 0.1 + 1e-5, 0, 0, 0])
+    problem = IKProblem(robot, robot.fk(q), q_reference=HERE, max_step=bound, max_link_rotation=0.5)
+    found = review(
+        recorded(tmp_path / "a.rrd", {"a way": [(problem, IKResult(Status.SOLVED, "ikspark", q=q))]})
+    )
+    (check,) = (check for check in found.checks if check.name == "continuity")
+    assert check.passed == passes == found.achieved
+    assert f"largest joint step 0.1 of {bound} (a way)" in check.finding
+    assert "largest link rotation 0.141 of 0.5 (a way)" in check.finding, (
+        "the square root of 2, times the sine"
+    )
+
+
 def text_of(found: Review) -> str:
     console = Console(file=io.StringIO(), width=200)
     console.print(review_table(found))

@@ -10,7 +10,7 @@ from typing import Any
 from workcell.record.read.log import LogLine
 from workcell.record.read.metrics import MetricRow, ObjectRow
 from workcell.record.read.queries import Query
-from workcell.record.read.ways import planned_by
+from workcell.record.read.ways import kept_bounds, planned_by, way_rows
 
 _GRASP = re.compile(r"\b(grasp|held)", re.IGNORECASE)
 _MOVED_M = 0.01
@@ -76,14 +76,19 @@ def execution_checks(
     return tuple(checks)
 
 
-def planner_check(
+def planning_checks(
     manifest: Mapping[str, Any], result: Mapping[str, Any], queries: Sequence[Query], lost: int
 ) -> tuple[Check, ...]:
-    """Whether the ways are the planner's that the manifest names; nothing where it names none."""
+    """Whether the ways are the planner's that the manifest names, and whether steps kept their bounds.
+
+    Nothing where no planner is named, or nothing was asked.
+    """
+    checks = []
     planner, said = manifest.get("planner"), result.get("planner")
-    if planner is None:
-        return ()
-    if said not in (None, planner):
-        return (Check("planner", False, f"the manifest names {planner}, the run says {said}"),)
-    found = planned_by(queries, lost, str(planner))
-    return () if found is None else (Check("planner", *found),)
+    if planner is not None and said not in (None, planner):
+        checks.append(Check("planner", False, f"the manifest names {planner}, the run says {said}"))
+    elif planner is not None and (found := planned_by(queries, lost, str(planner))) is not None:
+        checks.append(Check("planner", *found))
+    if (found := kept_bounds(way_rows(queries))) is not None:
+        checks.append(Check("continuity", *found))
+    return tuple(checks)

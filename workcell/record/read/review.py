@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from workcell.errors import RecordingError
-from workcell.record.read.checks import Check, execution_checks, planner_check
+from workcell.record.read.checks import Check, execution_checks, planning_checks
 from workcell.record.read.cuboids import CuboidRow, cuboid_rows, deciding_cuboids
 from workcell.record.read.log import LogLine, log_lines
 from workcell.record.read.metrics import MetricRow, ObjectRow, Series, metric_rows, metric_series, object_rows
@@ -183,7 +183,7 @@ def review(path: str | Path) -> Review:
         missing.append("no metrics")
     queries = recorded_queries(contents)
     checks = execution_checks(result, metrics, objects, events)
-    checks += planner_check(manifest, result, queries, lost_queries(contents, queries))
+    checks += planning_checks(manifest, result, queries, lost_queries(contents, queries))
     verdict, reason = _verdict(result, checks, damaged=damaged)
     if not contents.sealed and not damaged:
         reason += (

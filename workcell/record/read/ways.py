@@ -10,6 +10,9 @@ from typing import Any
 from workcell.ik.registry import AUTO, is_planned_by
 from workcell.record.read.queries import Query
 
+_ROUNDED = 1e-5
+"""Share by which what documents tell may be rounded."""
+
 
 @dataclass(frozen=True, slots=True)
 class Change:
@@ -22,6 +25,11 @@ class Change:
     def words(self) -> str:
         """Both, as `0.12/0.2`."""
         return f"{self.largest:.2g}" + ("" if self.bound is None else f"/{self.bound:.3g}")
+
+    @property
+    def share(self) -> float:
+        """The change as a share of its bound; 0 without one."""
+        return self.largest / self.bound if self.bound else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,9 +120,25 @@ def _nearest(changes: Sequence[tuple[float | None, float | None]]) -> Change | N
     known = [Change(change, bound) for change, bound in changes if change is not None]
     return max(
         known,
-        key=lambda one: (one.bound is not None, one.largest / one.bound if one.bound else one.largest),
+        key=lambda one: (one.share, one.largest),
         default=None,
     )
+
+
+def kept_bounds(rows: Sequence[WayRow]) -> tuple[bool, str] | None:
+    """Whether every step kept its bounds on continuity, and in words how near the largest came.
+
+    Joints and links' rotations (Eq. 75 of IKSPARK) alike, as the queries' documents tell. None: nothing was bounded.
+    """
+    found, kept = [], True
+    for name in ("step", "link_rotation"):
+        changes = [(change, row.what) for row in rows if (change := getattr(row, name)) and change.bound]
+        if changes:
+            change, way = max(changes, key=lambda one: one[0].share)
+            kept &= change.share <= 1.0 + _ROUNDED
+            words = "joint step" if name == "step" else "link rotation"
+            found.append(f"largest {words} {change.largest:.3g} of {change.bound:.3g} ({way})")
+    return (kept, ", ".join(found)) if found else None
 
 
 def planned_by(queries: Sequence[Query], lost: int, planner: str) -> tuple[bool, str] | None:

@@ -4,6 +4,7 @@ import shutil
 
 import pytest
 
+from tests.whole_tasks.planned import check_planned
 from workcell.model.loading.assets import find_task
 from workcell.record.read.review import review
 from workcell.task.run import run_task
@@ -42,6 +43,9 @@ def test_friction_held_it(outcome):
     assert 0.0 < outcome.summary["max_slip_m"] < 2e-3
     assert outcome.summary["max_tracking_error_m"] < 5e-4
     seen = review(outcome.recording)
+    check_planned(
+        seen, "ikspark", ["bar: into the bin", "bar: to the tray", "bar: onto the tray", "bar: off the tray"]
+    )
     assert any("held by the fingers' friction" in event.text for event in seen.events)
     moved = {row.name: row.moved for row in seen.objects}
     assert moved.pop("bar") > 0.2 and len(moved) == 3 and max(moved.values()) < 0.01

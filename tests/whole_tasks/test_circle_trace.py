@@ -5,6 +5,7 @@ import shutil
 import numpy as np
 import pytest
 
+from tests.whole_tasks.planned import check_planned
 from workcell.model.loading.assets import find_task
 from workcell.record.read.review import review
 from workcell.record.read.stage import TRACE_RGB
@@ -34,6 +35,7 @@ def test_the_recording_holds_the_same_trace(outcome):
     result, story = outcome
     seen = review(result.recording)
     assert seen.achieved
+    check_planned(seen, "ikspark", ["circle"])
     text = "\n".join(story)
     assert "circle of radius" in text and "waypoints, largest step" in text and "drawing the circle" in text
     (begun,) = (line.time for line in seen.events if line.text.startswith("drawing the circle"))

@@ -2,6 +2,7 @@
 
 import pytest
 
+from tests.whole_tasks.planned import check_planned
 from workcell.record.read.review import review
 from workcell.task.run import run_task
 
@@ -38,6 +39,8 @@ def test_the_story_and_the_recording_name_both_arms(outcome):
     ):
         assert words in text
     seen = review(result.recording)
+    stretches = ["lifting the crate", "carrying the crate over the wall", "putting the crate down"]
+    check_planned(seen, "ikspark", ["left: way to the handle", "right: way off the handle", *stretches])
     assert seen.achieved and set(seen.manifest["robots"]) == {"left", "right"}
     (crate,) = seen.objects
     assert crate.name == "crate" and crate.moved > 0.25 and crate.rose > 0.15

@@ -5,6 +5,7 @@ import shutil
 
 import pytest
 
+from tests.whole_tasks.planned import check_planned
 from workcell.model.loading.assets import find_asset, find_task
 from workcell.record.read.review import review
 from workcell.task.run import run_task
@@ -37,6 +38,11 @@ def test_tracking_and_clearance(outcome):
 def test_the_recording_alone_tells_it(outcome):
     result, story = outcome
     seen = review(result.recording)
+    check_planned(
+        seen,
+        "ikspark",
+        ["way to the blank", "way off the rack", "way into the chuck", "way out of the machine"],
+    )
     (blank,) = seen.objects
     assert seen.achieved and blank.name == "blank"
     assert blank.moved > 1.0 and blank.rose > 0.15

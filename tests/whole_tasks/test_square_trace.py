@@ -4,6 +4,8 @@ import json
 
 import pytest
 
+from tests.whole_tasks.planned import check_planned
+from workcell.record.read.review import review
 from workcell.task.run import run_task
 
 
@@ -18,6 +20,10 @@ def test_the_square_is_drawn_to_half_a_millimetre(outcome):
     assert outcome.achieved and all(summary["conditions"].values())
     assert summary["max_deviation_m"] <= 5e-4 and summary["corners_missed_by_m"] <= 5e-4
     assert summary["max_tracking_error_m"] <= 5e-4 and summary["min_clearance_m"] > 0
+
+
+def test_the_square_is_cidgiks(outcome):
+    check_planned(review(outcome.recording), "cidgik", ["square"])
 
 
 def test_the_summary_names_the_arm_that_drew(outcome):

@@ -101,8 +101,14 @@ def solve_cidgik(
 
 
 def _worth_a_search(problem: IKProblem, certificate: Certificate) -> bool:
-    """Whether the certificate is about the robot's spheres alone, and somebody knows better."""
-    return certificate.scope == "model" and problem.checker is not None
+    """Whether a sphere that the target puts into an obstacle may do so without the robot, and the judge knows.
+
+    It sticks out of the robot, and is in the obstacle by no more than that.
+    """
+    cover, pair = problem.cover, certificate.data.get("pair")
+    if problem.checker is None or pair is None or cover is None or cover.overshoot is None:
+        return False
+    return certificate.margin <= float(cover.overshoot[int(pair[0])])
 
 
 @dataclass(slots=True)

@@ -197,3 +197,15 @@ def test_no_proof_rests_on_covering_spheres() -> None:
     problem = IKProblem(ROBOT, ROBOT.fk(Q), (beside(-0.02),), COVER, q_reference=Q, max_step=1e-4)
     candidate = solve_cidgik(problem, Budget(10.0, effort=0.3))
     assert candidate.q is None and candidate.certificate is None
+
+
+def test_a_hand_that_its_spheres_put_into_a_board_is_left_to_the_judge() -> None:
+    """Where the target fixes a sphere, nothing but the judge can say whether it is the robot that is in the board."""
+    hand = COVER.centres_world(ROBOT.link_transforms(Q))[-1]
+    pieces = (box("board", tuple(hand - [0.0, 0.0, 0.05 + 0.02 - 1.5e-3]), (0.02, 0.02, 0.02)),)
+    for overshoot, status in ((2e-3, Status.SOLVED), (1e-4, Status.BLOCKED_IN_MODEL)):
+        cover = replace(COVER, kind="outer", overshoot=np.full(len(COVER), overshoot))
+        problem = IKProblem(ROBOT, ROBOT.fk(Q), pieces, cover, checker=lambda q: Clearance(1.0))
+        result = solve(problem, "cidgik", Budget(10.0, effort=1.0))
+        assert result.status is status
+        assert (result.certificate is None) == (status is Status.SOLVED)

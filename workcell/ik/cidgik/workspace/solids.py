@@ -32,8 +32,8 @@ class Solids:
 
     def __init__(self, pieces: tuple[Piece, ...]) -> None:
         self.pieces = pieces
-        self._shapes = [ObstacleArrays([piece]) for piece in pieces]
-        self._covers = [LocalCover(piece, OVERSHOOT) for piece in pieces]
+        self._shapes: dict[int, ObstacleArrays] = {}
+        self._covers: dict[int, LocalCover] = {}
         boxes = [bounding_box(move_piece(piece, piece.pose.inverse())) for piece in pieces]
         lower, upper = (np.array(side).reshape(-1, 3) for side in zip(*boxes, strict=True))
         self._half = 0.5 * (upper - lower)
@@ -59,6 +59,8 @@ class Solids:
         pairs, distances, gradients = [np.zeros((0, 2), dtype=np.int64)], [np.zeros(0)], [np.zeros((0, 3))]
         for k in np.flatnonzero(likely.any(axis=0)).tolist():
             i = np.flatnonzero(likely[:, k])
+            if k not in self._shapes:
+                self._shapes[k] = ObstacleArrays([self.pieces[k]])
             distance, gradient, _ = self._shapes[k].nearest(centres[i])
             too_near = distance < reach[i]
             pairs.append(np.column_stack([i, np.full(len(i), k)])[too_near])
@@ -74,6 +76,8 @@ class Solids:
         held = (centre - (distance + _INSIDE) * outwards)[None]
         if distance < -_INSIDE:
             held = np.vstack([held, centre])
+        if k not in self._covers:
+            self._covers[k] = LocalCover(self.pieces[k], OVERSHOOT)
         centres, radii = self._covers[k].holding(held)
         away = centre - centres
         directness = away @ outwards / np.maximum(np.linalg.norm(away, axis=1), _INSIDE)

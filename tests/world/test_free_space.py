@@ -8,6 +8,7 @@ from workcell.geometry.free_space.valid import check_free
 from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.ik.problem import ITSELF
 from workcell.model.scene import Scene
+from workcell.motion.tool_paths.poses import line
 from workcell.pose import Pose
 from workcell.world.planning_world import PlanningWorld
 
@@ -46,6 +47,19 @@ def test_the_start_is_in_the_free_space_and_every_way_that_is_asked_for(scene):
     centres = world.cover.centres_world(world.robot.robot.link_transforms(np.array([world.robot.start, q])))
     held = more.pool.holds(centres[:, moving], world.cover.radius[moving])
     assert held.all() and more.pool is not world.pool
+
+
+def test_the_hand_is_in_free_space_all_along_a_way_that_is_asked_for(scene):
+    world = PlanningWorld.of(scene, approached=["blank"])
+    grasp = scene.site_pose("blank/grasp")
+    way = line(Pose.from_xyz([0, 0, 0.3]) @ grasp, Pose.from_xyz([0, 0, 0.1]) @ grasp)
+    asked = world.with_free_space_along(way)
+    tool = world.robot.robot.tool()
+    its = world.cover.link == tool.link
+    for pose in way:
+        centres = (pose @ tool.T_link_tool.inverse()).apply(world.cover.centre[its])
+        assert asked.pool.holds(centres, world.cover.radius[its]).all()
+    assert asked.pool is not world.pool and world.with_free_space_along(()).free_space is world.free_space
 
 
 def test_derived_worlds_begin_with_it_and_grow_apart(scene):

@@ -16,6 +16,7 @@ from workcell.geometry.covers.outer import cover_of, merge_covers
 from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.pieces import move_piece, pieces_of_bodies, robot_pieces
 from workcell.geometry.types import Piece, SphereCover
+from workcell.model.robot import Robot
 from workcell.model.scene import Scene
 from workcell.model.scene_parts import SceneRobot, body_pose
 from workcell.pose import Array, Pose
@@ -52,6 +53,18 @@ def fitting_cover(
     return cover
 
 
+def hand_places(robot: Robot, way: Sequence[Pose]) -> Array:
+    """(k, 4, 4) where the tool's link is at tool poses."""
+    T_tool_link = robot.tool().T_link_tool.inverse()
+    return np.array([(pose @ T_tool_link).matrix for pose in way]).reshape(-1, 4, 4)
+
+
+def sphere_centres(centres: Array, T_world_link: Array) -> Array:
+    """(k, m, 3) in the world, of centres (m, 3) in a link's frame, where the link is at (k, 4, 4)."""
+    moved: Array = np.einsum("kij,mj->kmi", T_world_link[:, :3, :3], centres) + T_world_link[:, None, :3, 3]
+    return moved
+
+
 def hand_pieces(scene: Scene, robot: SceneRobot, attached: tuple[str, Pose] | None) -> tuple[Piece, ...]:
     """All that is on the tool's link, in its frame: hand, fingers, and an object (T_tool_object) that it holds."""
     tool = robot.robot.tool()
@@ -68,9 +81,8 @@ def hand_pieces(scene: Scene, robot: SceneRobot, attached: tuple[str, Pose] | No
 
 def _touching(cover: SphereCover, T_world_link: Array, packed: ObstacleArrays) -> NDArray[np.bool_]:
     """(m,) which spheres of one link have less than some room around them in one of its places."""
-    rotation, position = T_world_link[:, None, :3, :3], T_world_link[:, None, :3, 3]
-    centres = (rotation @ cover.centre[None, :, :, None])[..., 0] + position
-    touching: NDArray[np.bool_] = np.any(packed.nearest(centres)[0] < cover.radius + _ROOM, axis=0)
+    room = packed.nearest(sphere_centres(cover.centre, T_world_link))[0] - cover.radius
+    touching: NDArray[np.bool_] = np.any(room < _ROOM, axis=0)
     return touching
 
 

@@ -23,7 +23,7 @@ from workcell.model.labels import geom_name, geoms_called, obstacle_label
 from workcell.model.scene import Scene, robot_scene
 from workcell.model.scene_parts import SceneRobot
 from workcell.pose import Array, Pose
-from workcell.world.fitting_cover import fitting_cover, hand_pieces
+from workcell.world.fitting_cover import fitting_cover, hand_pieces, hand_places, sphere_centres
 from workcell.world.hand_cover import cover_with_fingers
 from workcell.world.inner_model import inner_model
 from workcell.world.model_clearance import ModelClearance
@@ -137,13 +137,9 @@ class PlanningWorld:
             raise InputError("the hand holds nothing", where="supports", remedy="call holding first")
         standing = geoms_called(self.scene.model, supports, "supports")
         pairs = _geom_pairs(self.scene, self.attached[0], standing)
+        model = CollisionModel(self.scene, self.robot.name, attached=self.attached, allowed_geoms=pairs)
         world = self._among(piece for piece in self.obstacles if piece.geom not in standing)
-        return replace(
-            world,
-            collision=CollisionModel(
-                self.scene, self.robot.name, attached=self.attached, allowed_geoms=pairs
-            ),
-        )
+        return replace(world, collision=model)
 
     def without(self, robots: Iterable[str]) -> PlanningWorld:
         """The same world as if some other robots were not there: for arms whose motions are proved together.
@@ -187,10 +183,9 @@ class PlanningWorld:
 
         They share this world's free space. What touches even then, stays; the compiled model decides.
         """
-        tool = self.robot.robot.tool()
-        places = np.array([(pose @ tool.T_link_tool.inverse()).matrix for pose in way]).reshape(-1, 4, 4)
+        link, places = self.robot.robot.tool().link, hand_places(self.robot.robot, way)
         pieces = hand_pieces(self.scene, self.robot, self.attached)
-        cover = fitting_cover(self.cover, pieces, tool.link, places, self.obstacles)
+        cover = fitting_cover(self.cover, pieces, link, places, self.obstacles)
         return self if cover is self.cover else replace(self, cover=cover)
 
     def _among(self, obstacles: Iterable[Piece]) -> PlanningWorld:
@@ -276,15 +271,24 @@ class PlanningWorld:
 
     def with_free_space_around(self, configurations: Iterable[Array]) -> PlanningWorld:
         """The same world with more free space around configurations (k, n): where the robot's spheres are, and near."""
-        wanted = list(configurations)
-        if not wanted:
-            return self
-        robot, moving = self.robot.robot, self.cover.link > 0
-        seeds = biased_seeds(robot, self.cover, np.array(wanted), seed=self.seed)
-        there = len(wanted) * int(np.count_nonzero(moving))
+        wanted, moving = list(configurations), self.cover.link > 0
+        seeds = biased_seeds(self.robot.robot, self.cover, np.array(wanted), seed=self.seed)
+        there = np.tile(self.cover.radius[moving], len(wanted))
+        return self._grown(seeds[: len(there)], there)._grown(seeds[len(there) :], np.zeros_like(there))
+
+    def with_free_space_along(self, way: Sequence[Pose]) -> PlanningWorld:
+        """The same world with more free space around the hand, and what it holds, along tool poses.
+
+        The rest of the robot, which tool poses leave a choice, gets its own when a planner asks.
+        """
+        hand = self.cover.link == self.robot.robot.tool().link
+        centres = sphere_centres(self.cover.centre[hand], hand_places(self.robot.robot, way))
+        return self._grown(centres.reshape(-1, 3), np.tile(self.cover.radius[hand], len(way)))
+
+    def _grown(self, centres: Array, radii: Array) -> PlanningWorld:
+        """The same world, whose free space holds more spheres, (k, 3) and (k,), and is its own."""
         pool = self.pool.among(self.obstacles)
-        pool.grow(seeds[:there], np.tile(self.cover.radius[moving], len(wanted)))
-        pool.grow(seeds[there:], np.zeros(len(seeds) - there))
+        pool.grow(centres, radii)
         return replace(self, pool=pool)
 
 

@@ -17,6 +17,8 @@ from workcell.motion.path import Path
 from workcell.motion.tool_paths.follow import FollowLimits, FollowStatus, follow, line, steps_of
 from workcell.motion.tool_paths.poses import FREE, PathTolerance
 from workcell.motion.tool_paths.reach import reach
+from workcell.motion.tool_paths.result import Answered
+from workcell.motion.tool_paths.route import route
 from workcell.motion.tool_paths.steps import LocalSolver, Tolerant
 from workcell.pose import Pose
 from workcell.world.planning_world import PlanningWorld
@@ -176,4 +178,13 @@ def test_solvers_that_cannot_plan_are_named_with_the_remedy(world, here):
         steps_of("branch", problem)
     with pytest.raises(UnknownNameError, match="no planner named 'rrt'"):
         steps_of("rrt", problem)
+    with pytest.raises(InputError, match="multistart answers single poses"):
+        route(problem, sideways(here), solver="multistart")
     assert isinstance(steps_of("cidgik", problem), Tolerant)
+
+
+def test_who_answered_in_words():
+    mixed = Answered({"ikspark": 12}, 11) + Answered({"local": 1, "ikspark": 1})
+    assert mixed.words == "13 by ikspark, 1 local step (11 in cuboids)" and mixed.count == 14
+    assert mixed.by_planner("ikspark") == 13 and mixed.by_planner("auto") == 14
+    assert Answered({"local": 47}).words == "47 local steps" and Answered().words == ""

@@ -148,8 +148,10 @@ class Answered:
     @property
     def words(self) -> str:
         """Who, and how many."""
+        local = {1: "1 local step"}
         who = ", ".join(
-            f"{count} {'local' if solver == 'local' else f'by {solver}'}" for solver, count in self.by.items()
+            local.get(count, f"{count} local steps") if solver == "local" else f"{count} by {solver}"
+            for solver, count in self.by.items()
         )
         return f"{who} ({self.in_cuboids} in cuboids)" if self.in_cuboids else who
 

@@ -24,7 +24,7 @@ from workcell.motion.tool_paths.diagnosis import words_of
 from workcell.motion.tool_paths.follow import check_start
 from workcell.motion.tool_paths.graph import Routes, RouteSearch
 from workcell.motion.tool_paths.last_resort import LastResort
-from workcell.motion.tool_paths.planners import step_solver
+from workcell.motion.tool_paths.planners import check_planner, step_solver
 from workcell.motion.tool_paths.poses import PathTolerance, check_tool_path
 from workcell.motion.tool_paths.query import STARTS, RouteQuery
 from workcell.motion.tool_paths.result import FollowLimits, FollowResult, not_begun, without_start
@@ -66,8 +66,10 @@ def route(
         (`tried`).
 
     Raises:
-        InputError: fewer than two poses, or a start that is not at the first one. UnknownNameError: no such solver.
+        InputError: fewer than two poses, a start that is not at the first one, or a solver that tasks are not planned
+            with. UnknownNameError: no such solver.
     """
+    check_planner(solver)
     robot = template.robot
     given = None if q_start is None else robot.configuration(q_start, where="q_start")
     query = RouteQuery(

@@ -49,8 +49,8 @@ SPHERES_FIRST = 60
 _GIVEN_UP = SolverStage(
     "planes", 0.0, note="the spheres that cover the obstacles give way to planes that touch them"
 )
-STEP_PLANES = 60
-"""Cone programs that planes get for a step: where a few of them leave nothing, others won't."""
+STEP_PROGRAMS = 30
+"""Cone programs that spheres, and then planes, get for a step: it takes one or two, or can't be made."""
 PLANES = "cidgik+planes"
 """The part of the solver that parts the robot's spheres from solids by planes that touch these."""
 
@@ -64,8 +64,8 @@ def solve_cidgik(
     at both.
 
     Obstacles that are no spheres are spheres first: those that cover them. Where these leave nothing, or have not
-    answered after `SPHERES_FIRST` cone programs, the search begins again with planes that touch the obstacles, and what
-    it finds is the answer of `PLANES`.
+    answered after `SPHERES_FIRST` cone programs (`STEP_PROGRAMS` of a step), the search begins again with planes that
+    touch the obstacles, and what it finds is the answer of `PLANES`.
 
     Args:
         problem: a serial chain of revolute joints; with `q_reference` the search begins next to it.
@@ -91,10 +91,10 @@ def solve_cidgik(
     if certificate is not None and not _worth_a_search(problem, certificate):
         return Candidate(certificate=certificate)
     run = _Run(problem, _Judge(problem, interval), deadline, budget.work(PROGRAMS_A_SECOND), seed, local)
-    found = run.search(np.inf, tangent=True) if tangent else run.search(SPHERES_FIRST)
-    if run.undecided(found):
+    found = run.search(tangent)
+    if not tangent and run.undecided(found):
         run.found = replace(found, stages=(*found.stages, _GIVEN_UP))
-        found = run.search(np.inf, tangent=True)
+        found = run.search(tangent=True)
     if found.q is None and found.certificate is None and certificate is not None:
         return replace(found, certificate=certificate)
     return found
@@ -124,7 +124,7 @@ class _Run:
     doubtful: bool = False
     found: Candidate = field(default_factory=Candidate)
 
-    def search(self, patience: float, tangent: bool = False) -> Candidate:
+    def search(self, tangent: bool) -> Candidate:
         """What a search finds, with the work of those before it."""
         problem, before = self.problem, self.found
         skeleton, instance, keeper = fastest_relaxation_at(problem, tangent)
@@ -140,7 +140,7 @@ class _Run:
                 np.random.default_rng(self.seed),
                 problem.q_reference,
                 self.local,
-                patience,
+                STEP_PROGRAMS if problem.max_step is not None else SPHERES_FIRST,
             )
             q = search.run()
         finally:
@@ -161,7 +161,7 @@ class _Run:
     def _most_of(self, tangent: bool) -> float:
         """Cone programs in all: a step is not searched for among ever more planes."""
         step = tangent and self.problem.max_step is not None
-        return min(self.most, self.found.stats.get("sdps", 0.0) + STEP_PLANES) if step else self.most
+        return min(self.most, self.found.stats.get("sdps", 0.0) + STEP_PROGRAMS) if step else self.most
 
     def undecided(self, found: Candidate) -> bool:
         """Whether spheres that cover solids have had a say in that nothing was found, and work may be left."""

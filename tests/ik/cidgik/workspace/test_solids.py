@@ -19,6 +19,7 @@ from workcell.ik.cidgik.solver import solve_cidgik
 from workcell.ik.cidgik.workspace.keeper import Keeper
 from workcell.ik.cidgik.workspace.solids import OVERSHOOT
 from workcell.ik.judge.exact import ExactDistances, ExactKinematics, smallest_clearance
+from workcell.ik.judge.verify import verify
 from workcell.ik.problem import Budget, Clearance, IKProblem
 from workcell.ik.registry import is_planned_by
 from workcell.ik.result import Status
@@ -209,3 +210,34 @@ def test_a_hand_that_its_spheres_put_into_a_board_is_left_to_the_judge() -> None
         result = solve(problem, "cidgik", Budget(10.0, effort=1.0))
         assert result.status is status
         assert (result.certificate is None) == (status is Status.SOLVED)
+
+
+def test_steps_of_a_way_pass_a_box() -> None:
+    """The arm can't follow the line as it would without the box: every step is CIDGIK's, in bounds and clear."""
+    start, goal = ROBOT.fk(Q), ROBOT.fk(Q + 0.12 * np.array([1.0, 1, 0, -1, 0, 1, 0]))
+    free = _way(start, goal, ())
+    elbow = COVER.centres_world(ROBOT.link_transforms(free[-1]))[MOVABLE]
+    pieces = (box("post", tuple(np.add(elbow, [0.0, 0.1, 0.0])), (0.03, 0.052, 0.2)),)
+    problem = IKProblem(ROBOT, goal, pieces, COVER)
+    assert clearance(problem, Q) > 0 > clearance(problem, free[-1])
+    assert min(clearance(problem, q) for q in _way(start, goal, pieces)) >= 0
+
+
+def _way(start: Pose, goal: Pose, pieces: tuple[Piece, ...]) -> list[np.ndarray]:
+    """Configurations of ten steps from Q, each CIDGIK's own and within the bounds."""
+    way = [Q]
+    for share in np.linspace(0.1, 1.0, 10):
+        step = IKProblem(
+            ROBOT,
+            start.interpolate(goal, float(share)),
+            pieces,
+            COVER,
+            q_reference=way[-1],
+            max_step=0.2,
+            max_link_rotation=0.28,
+        )
+        result = solve(step, "cidgik", Budget(10.0, effort=1.0))
+        assert result.solved and result.solver == "cidgik" and result.q is not None
+        assert verify(step, result.q).accepted
+        way.append(np.array(result.q))
+    return way

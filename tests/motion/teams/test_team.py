@@ -8,10 +8,12 @@ from workcell.errors import InputError
 from workcell.model.joined import columns, joined_robot
 from workcell.model.scene import Scene
 from workcell.motion.path import Path
-from workcell.motion.teams.team import Team, prove_team, prove_team_motion
+from workcell.motion.teams.team import Team, carry, prove_team, prove_team_motion
 from workcell.motion.teams.torques import TeamDynamics
 from workcell.motion.timing.retime import retime
 from workcell.motion.timing.torques import ChainDynamics
+from workcell.motion.tool_paths.follow import FollowLimits
+from workcell.pose import Pose
 
 
 @pytest.fixture(scope="module")
@@ -92,6 +94,21 @@ def test_the_margin_leaves_room_for_the_error_of_distances(scene, team):
     path = Path(team.robot, np.stack([start(scene)] * 2))
     margin = prove_team(team, path).margin
     assert 0 < margin == pytest.approx(team.clearance(start(scene)).distance - 1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("planner", ["auto", "ikspark"])
+def test_where_one_arm_halves_a_step_the_object_stops_for_both(scene, team, planner):
+    """Every step of each arm keeps the bound on its links, and the chain stays closed at every waypoint."""
+    begin = scene.object_pose("crate")
+    poses = [begin, Pose.from_xyz([0.0, 0.0, 0.04]) @ begin, Pose.from_xyz([0.0, 0.0, 0.06]) @ begin]
+    starts = {name: robot.start for name, robot in scene.robots.items()}
+    limits = FollowLimits(max_step=0.2, max_link_rotation=0.1)
+    done = carry(team, poses, starts, limits=limits, solver=planner)
+    assert done.path is not None, done.failure
+    assert len(done.path) > len(poses) and done.path.largest_link_rotation <= 0.1
+    assert done.answered.count == 2 * (len(done.path) - 1)
+    assert done.answered.by_planner(planner) == done.answered.count
+    assert team.stretch(done.path.configurations).max() < 1e-4
 
 
 def test_one_arm_is_no_team(scene):

@@ -209,34 +209,48 @@ def carry(
         solver: the planner whose steps each arm makes, see `workcell.motion.tool_paths.planners.steps_of`.
         seed: same seed, same path.
     """
-    arms, columns_of = {}, []
-    for name, grasp in team.grasps.items():
-        poses = [pose @ grasp for pose in object_poses]
-        world = team.worlds[name]
-        problem = (world.fitting(poses) if plans_alone(solver) else world).problem(poses[0])
-        steps = steps_of(solver, problem, limits=limits, seed=seed)
-        arms[name] = follow(problem, poses, starts[name], limits=limits, solver=steps)
-        path = arms[name].path
-        if path is None or not arms[name].followed:
-            failure = arms[name].failure
-            where = (
-                "" if failure is None else f" at pose {failure.waypoint} of {len(poses)}: {failure.detail}"
+    poses, arms = tuple(object_poses), dict[str, FollowResult]()
+    for _ in range(limits.max_halvings + 1):
+        for name, grasp in team.grasps.items():
+            arms[name] = _follow(
+                team, name, [pose @ grasp for pose in poses], starts[name], limits, solver, seed
             )
-            return TeamResult(None, None, f"{name}{where}. {arms[name].status.sentence}", arms)
-        columns_of.append(_at_poses(path, poses))
-    whole = Path(team.robot, np.concatenate(columns_of, axis=1))
+            if not arms[name].followed:
+                return TeamResult(None, None, _why(name, arms[name], len(poses)), arms)
+        paths = {name: arm.path for name, arm in arms.items() if arm.path is not None}
+        finest = max(paths, key=lambda name: len(paths[name]))
+        if len(paths[finest]) == len(poses):
+            break
+        # where one arm had to halve a step, the object stops for all of them
+        poses = tuple(pose @ team.grasps[finest].inverse() for pose in paths[finest].tool_poses)
+    else:
+        return TeamResult(None, None, f"{finest}: its steps can't be made however close the poses are", arms)
+    whole = Path(team.robot, np.concatenate([path.configurations for path in paths.values()], axis=1))
     proof = prove_team(team, whole, floor=limits.clearance)
     return TeamResult(whole if proof.proved else None, proof, proof.reason, arms)
 
 
-def _at_poses(path: Path, poses: Sequence[Pose]) -> Array:
-    """(k, n) the path's configurations at the given poses alone: where it was refined, others lie between."""
-    kept, k = [], 0
-    for q, pose in zip(path.configurations, path.tool_poses, strict=True):
-        if k < len(poses) and max(pose.error_to(poses[k])) < 1e-9:
-            kept.append(q)
-            k += 1
-    return np.array(kept)
+def _follow(
+    team: Team,
+    name: str,
+    poses: Sequence[Pose],
+    start: Array,
+    limits: FollowLimits,
+    solver: str,
+    seed: int,
+) -> FollowResult:
+    """How one arm follows poses of its own tool."""
+    world = team.worlds[name]
+    problem = (world.fitting(poses) if plans_alone(solver) else world).problem(poses[0])
+    steps = steps_of(solver, problem, limits=limits, seed=seed)
+    return follow(problem, poses, start, limits=limits, solver=steps)
+
+
+def _why(name: str, arm: FollowResult, count: int) -> str:
+    """Why an arm can't follow, in words."""
+    failure = arm.failure
+    where = "" if failure is None else f" at pose {failure.waypoint} of {count}: {failure.detail}"
+    return f"{name}{where}. {arm.status.sentence}"
 
 
 def prove_team(team: Team, path: Path, *, floor: float = 0.0, slack: Array | float = 0.0) -> Proof:

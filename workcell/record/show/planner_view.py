@@ -69,7 +69,8 @@ def _title(review: Review, sheet: Sheet, planned: bool) -> None:
     decided = review.cuboid_words
     if review.cuboids:
         decided = f"boxes in the links' colours: {decided}"
-    green = "thin green: other free cuboids" if planned else "green: cuboids and polytopes proved free"
+    others = "other free cuboids" if review.cuboids else "free cuboids"
+    green = f"thin green: {others}" if planned else "green: cuboids and polytopes proved free"
     parts = ["blue: sphere cover of the robot", decided, green, "blue line: planned path"]
     sheet.text(12, 50, "; ".join(filter(None, parts)), size=11)
     colours = {use.link: use.rgb for use in review.stage.uses if use.distinct}

@@ -50,7 +50,6 @@ class CuboidSet:
     Attributes:
         homes: the spheres and their regions.
         shares: for each sphere, delta of its regions at the last solve.
-        reward: for each sphere, which of its regions' delta counts in the objective (72); -1: none.
     """
 
     def __init__(
@@ -74,7 +73,6 @@ class CuboidSet:
         self._instance, self._regions = instance, regions
         self.homes = tuple(homes)
         self.shares = [np.ones(len(home.regions)) for home in homes]
-        self.reward: list[int] = [-1] * len(homes)
         self._relaxed = [k for k, home in enumerate(homes) if relax_all or len(home.regions) > 1]
         sizes = [4 * len(homes[k].regions) for k in self._relaxed]
         self._first = self.lift.size + np.cumsum([0, *sizes])
@@ -137,16 +135,13 @@ class CuboidSet:
         inside.put(row + np.arange(len(offsets)), z[owner] + 3, -offsets)
 
     def solve(self, q: Array) -> ConicSolution:
-        """Minimise q.x less what is rewarded; `z` is over the relaxation's rows, then (3 m,) of the relaxed spheres.
+        """Minimise q.x (N,); `z` is over the relaxation's rows, then (3 m,) of the relaxed spheres.
 
         Those are the multipliers of the ties between a sphere's place and its regions' shares.
         """
         N = self.lift.size
         objective = np.zeros(int(self._first[-1]))
         objective[:N] = q
-        for k, first in zip(self._relaxed, self._first[:-1].tolist(), strict=True):
-            if self.reward[k] >= 0:
-                objective[first + 4 * self.reward[k] + 3] = -1.0
         solution = self._solver.solve(objective)
         for k, first in zip(self._relaxed, self._first[:-1].tolist(), strict=True):
             self.shares[k] = solution.x[first + 3 : first + 4 * len(self.homes[k].regions) : 4]

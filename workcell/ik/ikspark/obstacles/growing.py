@@ -16,6 +16,8 @@ _SLIDES = 3
 """Steps along the distance's gradient that bring a seed out of obstacles."""
 _BESIDE = 1e-3
 """Metres beyond what a sphere needs, to which a seed is brought."""
+_HELD_FROM = 5e-5
+"""Metres beyond what a sphere needs from which on a region that holds it can be grown: regions keep off obstacles."""
 _NO_POINTS = np.zeros((0, 3))
 
 
@@ -42,16 +44,23 @@ class Room:
         """Its cuboids and polytopes."""
         return Regions.of(self.free_space)
 
-    def grow(self, centres: Array, needed: Array) -> bool:
-        """Add regions around spheres that collide nowhere, and beside those that do; whether it has changed.
+    def hold(self, centres: Array, needed: Array) -> bool:
+        """Add what holds spheres (k,) that keep `needed` (k,) from obstacles: cuboids, and polytopes in corners.
 
-        Args:
-            centres: (k, 3) of spheres that no region holds.
-            needed: (k,) what they keep from obstacles.
+        Returns whether the free space has changed.
         """
+        return self._grow(centres, needed)
+
+    def seed(self, centres: Array, needed: Array) -> bool:
+        """Add cuboids around spheres' centres (k, 3), and beside those that collide: the paper's biased seeds.
+
+        Returns whether the free space has changed.
+        """
+        return self._grow(self._slid(centres, needed), np.zeros(len(centres)))
+
+    def _grow(self, points: Array, radii: Array) -> bool:
         before = self.free_space
-        grow = self.problem.grow or self._own().grow
-        self.free_space = grow(self._slid(centres, needed), needed)
+        self.free_space = (self.problem.grow or self._own().grow)(points, radii)
         return self.free_space is not before
 
     def _own(self) -> FreeSpacePool:
@@ -63,12 +72,12 @@ class Room:
         return self._pool
 
     def clear(self, centres: Array, needed: Array) -> NDArray[np.bool_]:
-        """Whether spheres (k,) keep what they need from every obstacle."""
-        clear: NDArray[np.bool_] = self.obstacles.nearest(centres)[0] >= needed
+        """Whether spheres (k,) keep what they need from every obstacle, so that a region of their own can be grown."""
+        clear: NDArray[np.bool_] = self.obstacles.nearest(centres)[0] >= needed + _HELD_FROM
         return clear
 
     def _slid(self, centres: Array, needed: Array) -> Array:
-        """The centres, those of colliding spheres moved out of their obstacles, as far as that is easy."""
+        """The centres, those of spheres that collide moved out of their obstacles, as far as that is easy."""
         at = centres
         for _ in range(_SLIDES):
             distance, gradient, _ = self.obstacles.nearest(at)

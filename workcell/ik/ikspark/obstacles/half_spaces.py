@@ -12,7 +12,8 @@ from contextlib import ExitStack
 import numpy as np
 
 from workcell.geometry.obstacle_arrays import ObstacleArrays
-from workcell.ik.ikspark.instance import Instance, instance_of
+from workcell.ik.ikspark.instance import Instance
+from workcell.ik.ikspark.obstacles.branching import Instances
 from workcell.ik.ikspark.obstacles.centres import sphere_maps
 from workcell.ik.ikspark.rank import linearise
 from workcell.ik.ikspark.search import Reached, Search
@@ -41,12 +42,12 @@ class Avoidance:
         """Prepare; `by` is the name that answers get."""
         problem = search.problem
         assert problem.cover is not None
-        self._search, self._problem, self._plain, self._stack = search, problem, instance, stack
+        self._search, self._plain = search, instance
         self.centres = sphere_maps(instance.lift, problem, np.arange(len(problem.cover))) @ instance.goal
         self.needed = problem.cover.radius + problem.tolerances.safety_margin
         self.movable = np.any(np.abs(self.centres[:, :, :-1]) > 1e-9, axis=(1, 2))
         self.obstacles = ObstacleArrays(problem.obstacles)
-        self._instances: dict[int, Instance] = {}
+        self._instances = Instances(problem, stack)
         self._by = by
 
     def answer(self, q: Array) -> Candidate:
@@ -69,17 +70,9 @@ class Avoidance:
                 break
             planes = np.vstack([planes, added])[-SLOTS:]
             search.stages.add("half-spaces", note=f"{len(added)} added, {len(planes)} in all")
-            convex = self._instance_for(len(planes))
-            convex.set_halfspaces(planes)
+            convex = self._instances.with_rows(planes)
             reached = search.attempt(convex, linearise(lift, reached.x)[1], ", with half-spaces")
         return reached if reached.accepted else first
-
-    def _instance_for(self, planes: int) -> Instance:
-        """The relaxation with room for that many half-spaces, in steps of four: empty slots cost time."""
-        slots = 4 * -(-planes // 4)
-        if slots not in self._instances:
-            self._instances[slots] = self._stack.enter_context(instance_of(self._problem, halfspaces=slots))
-        return self._instances[slots]
 
     def planes(self, x: Array) -> Array:
         """(k, N + 1) half-spaces that part the deepest colliding sphere of each obstacle from it, at the point x."""

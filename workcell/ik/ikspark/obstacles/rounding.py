@@ -1,4 +1,4 @@
-"""From shares of several regions to one region a sphere: which spheres get rows, and which region is theirs.
+"""The perspective relaxation for spheres that collide, and its rounding to one region a sphere.
 
 Rank 1 does not make the deltas of (69) whole: a sphere may be between two regions, in the hull of both. Such a sphere
 is put into the region that has the largest share of it, for the rest of the restart.
@@ -6,61 +6,58 @@ is put into the region that has the largest share of it, for the rest of the res
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from numpy.typing import NDArray
 
+from workcell.ik.ikspark.instance import Instance
 from workcell.ik.ikspark.obstacles.cuboids import CuboidSet, Home
+from workcell.ik.ikspark.obstacles.demands import Point
 from workcell.ik.shared.convex import KEEP_OFF
 from workcell.pose import Array
 
 
-@dataclass(slots=True)
 class Rounding:
-    """What one restart has decided.
+    """What one restart has decided: who is shared out among all regions, and who has one."""
 
-    Attributes:
-        maps: (m, 3, N + 1) centres of the moving spheres over (x, 1).
-        needed: (m,) what they keep from the faces of regions.
-        relaxed: spheres that share themselves out among all their regions.
-        fixed: for others, the one region that is theirs.
-    """
+    def __init__(self, instance: Instance, maps: Array, needed: Array) -> None:
+        """`maps` (m, 3, N + 1): centres of the moving spheres over (x, 1); `needed` (m,) metres off faces."""
+        self._instance, self._maps, self._needed = instance, maps, needed
+        self._relaxed: list[int] = []
+        self._fixed: dict[int, int] = {}
+        self._set: CuboidSet | None = None
 
-    maps: Array
-    needed: Array
-    relaxed: list[int] = field(default_factory=list)
-    fixed: dict[int, int] = field(default_factory=dict)
+    def tightened(self, point: Point) -> CuboidSet | None:
+        """The relaxation with rows for the spheres that collide, or have before; None: one of them has no region."""
+        if not point.possible:
+            return None
+        if point.recounted:
+            self._relaxed += self._fixed
+            self._fixed.clear()
+            self._set = None
+        self._decide(point)
+        homes = self._homes(np.isfinite(point.depths))
+        self._set = CuboidSet(self._instance, point.regions, homes) if homes else None
+        return self._set
 
-    def forget_regions(self) -> None:
-        """Regions are counted anew: no sphere has one of its own any more."""
-        self.relaxed += [j for j in self.fixed if j not in self.relaxed]
-        self.fixed.clear()
-
-    def demand(self, outside: NDArray[np.int64], depths: Array, last: CuboidSet | None) -> None:
-        """Rows for spheres that are in no region: relaxed at first, then with one region.
-
-        Args:
-            outside: the spheres.
-            depths: (m, n) metres that each sticks out of each region; inf: it can't be in it.
-            last: the set that the point is of, None where that had no rows.
-        """
-        shares = {} if last is None else last.best()
-        for j in outside.tolist():
-            if j in self.fixed or (j in self.relaxed and j not in shares):
-                self.fixed[j] = int(depths[j].argmin())
-            elif j in self.relaxed:
-                self.relaxed.remove(j)
-                self.fixed[j] = shares[j]
+    def _decide(self, point: Point) -> None:
+        """Who collides for the first time is shared out; who does so again is put into one region."""
+        shares = {} if self._set is None else self._set.best()
+        for j in point.colliding.tolist():
+            if j in self._fixed:
+                self._fixed[j] = int(point.nearest[j])
+            elif j in self._relaxed:
+                self._relaxed.remove(j)
+                self._fixed[j] = shares.get(j, int(point.nearest[j]))
             else:
-                self.relaxed.append(j)
+                self._relaxed.append(j)
 
-    def homes(self, allowed: NDArray[np.bool_]) -> list[Home]:
-        """The spheres with rows, with what of `allowed` (m, n) each may be in; empty: one of them has nothing."""
-        chosen = {j: tuple(np.flatnonzero(allowed[j]).tolist()) for j in self.relaxed}
-        chosen |= {j: (region,) for j, region in self.fixed.items() if allowed[j, region]}
-        if not all(chosen.get(j) for j in (*self.relaxed, *self.fixed)):
+    def _homes(self, allowed: NDArray[np.bool_]) -> list[Home]:
+        """The spheres with rows and their regions; empty: one of them has none."""
+        chosen = {j: tuple(np.flatnonzero(allowed[j]).tolist()) for j in self._relaxed}
+        chosen |= {j: (region,) for j, region in self._fixed.items()}
+        if not all(chosen.values()):
             return []
         return [
-            Home(j, self.maps[j], float(self.needed[j]) + KEEP_OFF, regions) for j, regions in chosen.items()
+            Home(j, self._maps[j], float(self._needed[j]) + KEEP_OFF, regions)
+            for j, regions in chosen.items()
         ]

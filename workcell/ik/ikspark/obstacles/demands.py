@@ -1,0 +1,51 @@
+"""What is demanded of spheres that collide: the question that the perspective relaxation and branching answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workcell.ik.ikspark.obstacles.regions import Regions
+from workcell.ik.ikspark.rank import ConvexSet
+from workcell.pose import Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Point:
+    """Where an ascent has ended, as far as obstacles are concerned.
+
+    Attributes:
+        centres: (m, 3) of the moving spheres.
+        colliding: spheres that collide.
+        regions: the free space.
+        depths: (m, n) metres by which each sphere sticks out of each region; inf where it can't be in it.
+        recounted: whether the regions are others than at the last point.
+    """
+
+    centres: Array
+    colliding: NDArray[np.int64]
+    regions: Regions
+    depths: Array
+    recounted: bool
+
+    @property
+    def nearest(self) -> NDArray[np.int64]:
+        """(m,) the region that each sphere sticks out of least."""
+        nearest: NDArray[np.int64] = self.depths.argmin(axis=1)
+        return nearest
+
+    @property
+    def possible(self) -> bool:
+        """Whether every sphere that collides has a region that it may be in."""
+        return bool(np.isfinite(self.depths[self.colliding]).any(axis=1).all())
+
+
+class Demands(Protocol):
+    """Decides, over one restart, in which regions spheres have to be."""
+
+    def tightened(self, point: Point) -> ConvexSet | None:
+        """A set that `point` is not in; None where there is none."""
+        ...

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -196,11 +197,14 @@ def own_cuboids(queries: Sequence[Query]) -> list[str]:
     for query in queries:
         for link, numbers in query.cuboids.items():
             ways.setdefault(query.what, {}).setdefault(link, set()).update(numbers)
-    return [
-        f"{what}: " + ", ".join(f"{link} in {_listed(numbers)}" for link, numbers in links.items())
-        for what, links in ways.items()
-    ]
+    return [f"{what}: {_places(links)}" for what, links in ways.items()]
 
 
-def _listed(numbers: set[int]) -> str:
-    return " and ".join(map(str, sorted(numbers)))
+def _places(links: dict[str, set[int]]) -> str:
+    """Links with their cuboids; of neighbours that share them, the first and the last."""
+    runs = [(list(run), shared) for shared, run in itertools.groupby(links, key=lambda link: links[link])]
+    return ", ".join(
+        (run[0] if len(run) == 1 else f"{run[0]} to {run[-1]}")
+        + f" in {' and '.join(map(str, sorted(shared)))}"
+        for run, shared in runs
+    )

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 from tests.geometry.shapes import points_inside
+from workcell.geometry.covers.outer import cover_of
 from workcell.geometry.obstacle_arrays import ObstacleArrays
+from workcell.geometry.types import Piece
 from workcell.model.scene import Scene
 from workcell.motion.tool_paths.poses import line
 from workcell.pose import Pose
-from workcell.world.fitting_cover import hand_pieces
+from workcell.world.fitting_cover import fitting_cover, hand_pieces
 from workcell.world.planning_world import PlanningWorld
 
 
@@ -74,6 +76,14 @@ def test_a_hand_inside_an_obstacle_is_still_covered(bin_world):
     sunk = Pose.from_xyz([0.0, 0.0, -0.05]) @ way[0]
     fitted = world.fitting((sunk,))
     assert clearances(fitted, sunk).min() < 0 and fitted.cover.kind == "outer"
+
+
+def test_a_large_piece_keeps_the_spheres_that_it_has():
+    board = Piece("board", "box", Pose.identity(), np.array([0.5, 0.4, 0.02]))
+    shelf = Piece("shelf", "box", Pose.from_xyz([0.0, 0.0, -0.04]), np.array([0.5, 0.4, 0.01]))
+    cover = cover_of([board], 0.03, link=3)
+    fitted = fitting_cover(cover, [board], 3, np.eye(4)[None], [shelf])
+    assert np.array_equal(fitted.centre, cover.centre)
 
 
 def test_what_fits_is_not_made_finer_again(bin_world):

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.geometry.covers.outer import cover_of, merge_covers
+from workcell.geometry.covers.subdivision import expected_count
 from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.pieces import move_piece, pieces_of_bodies, robot_pieces
 from workcell.geometry.types import Piece, SphereCover
@@ -23,6 +24,8 @@ from workcell.pose import Array, Pose
 
 FINER = (0.01, 0.006, 0.004)
 """Metres by which finer spheres may stick out, one after the other, until none touches."""
+_MOST = 200
+"""Spheres that a piece may take, about; a larger one, such as a crate's side, keeps the spheres that it has."""
 _ROOM = 1e-3
 """Metres that a sphere should have around it: for the pose's tolerance, and a cuboid's gap."""
 
@@ -90,11 +93,14 @@ def _refined(
     cover: SphereCover, gone: NDArray[np.bool_], pieces: Sequence[Piece], link: int, overshoot: float
 ) -> SphereCover:
     """The cover without some spheres of a link, and with finer ones wherever those met a piece."""
+    meets = cover.radius > ObstacleArrays(pieces).distances(cover.centre).T
+    large = np.array([expected_count(piece, overshoot) > _MOST for piece in pieces])
+    gone = gone & ~meets[large].any(axis=0)
     kept = _part(cover, ~gone)
     fellows = kept.link == link
     parts = [kept]
-    for piece in pieces:
-        near = ObstacleArrays([piece]).distances(cover.centre[gone])[:, 0] < cover.radius[gone]
+    for piece, met in zip(pieces, meets, strict=True):
+        near = met[gone]
         if not near.any():
             continue
         # covered in its own frame: the same numbers, and the same cover, wherever the fingers are
@@ -103,9 +109,8 @@ def _refined(
         apart = np.linalg.norm(fine.centre[:, None] - cover.centre[gone][near], axis=2)
         needed = np.any(apart < fine.radius[:, None] + cover.radius[gone][near], axis=1)
         beside = np.linalg.norm(fine.centre[:, None] - kept.centre[fellows], axis=2)
-        needed &= ~np.any(
-            beside + fine.radius[:, None] <= kept.radius[fellows], axis=1
-        )  # those hold it already
+        held = np.any(beside + fine.radius[:, None] <= kept.radius[fellows], axis=1)
+        needed &= ~held  # those that stay hold it already
         parts.append(_part(fine, needed))
     return merge_covers(*parts)
 

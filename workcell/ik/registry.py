@@ -209,7 +209,7 @@ SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
         "cidgik": SolverEntry(
             help="convex: distances between points driven to rank 3, with proofs",
             run="workcell.ik.cidgik.solver:solve_cidgik",
-            prepare="workcell.ik.shared.convex:prepare",
+            prepare="workcell.ik.cidgik.solver:prepare",
             goals=ALL_GOALS,
             slides=False,
             couples=False,
@@ -218,7 +218,7 @@ SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
         "cidgik+planes": SolverEntry(
             help="with planes that touch the obstacles instead of spheres that cover them",
             run="workcell.ik.cidgik.solver:solve_cidgik",
-            prepare="workcell.ik.shared.convex:prepare",
+            prepare="workcell.ik.cidgik.solver:prepare",
             options={"tangent": True},
             goals=ALL_GOALS,
             slides=False,
@@ -228,7 +228,7 @@ SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
         "cidgik+lm": SolverEntry(
             help="with local descent besides",
             run="workcell.ik.cidgik.solver:solve_cidgik",
-            prepare="workcell.ik.shared.convex:prepare",
+            prepare="workcell.ik.cidgik.solver:prepare",
             options={"local": True},
             goals=ALL_GOALS,
             slides=False,

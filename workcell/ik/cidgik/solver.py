@@ -32,12 +32,12 @@ from workcell.ik.cidgik.model import fastest_relaxation_at, goal_of, relaxation_
 from workcell.ik.cidgik.proof import Proof, prove_empty
 from workcell.ik.cidgik.recover import nearest_turn
 from workcell.ik.cidgik.search import COUNTS, PROGRAMS_A_SECOND, Finished, Search
+from workcell.ik.elementary import screen
 from workcell.ik.elementary.bounds import prove_impossible
-from workcell.ik.elementary.screen import may_be_impossible
 from workcell.ik.judge.verify import Verifier
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import Candidate
-from workcell.ik.shared.convex import LOCAL_DAMPING, LOCAL_STEPS
+from workcell.ik.shared import convex
 from workcell.ik.shared.limits import Interval
 from workcell.ik.shared.polish import polish
 from workcell.ik.stages import SolverStage
@@ -53,6 +53,12 @@ STEP_PROGRAMS = 30
 """Cone programs that spheres, and then planes, get for a step: it takes one or two, or can't be made."""
 PLANES = "cidgik+planes"
 """The part of the solver that parts the robot's spheres from solids by planes that touch these."""
+
+
+def prepare(problem: IKProblem) -> None:
+    """Compile, or load, what looks for elementary proofs, and the distances to obstacles where there are any."""
+    screen.prepare()
+    convex.prepare(problem)
 
 
 def solve_cidgik(
@@ -87,7 +93,9 @@ def solve_cidgik(
     if clock.cpu_seconds() >= deadline:
         return Candidate()
     # the elementary bounds are about whole poses
-    certificate = prove_impossible(problem) if problem.goal == "pose" and may_be_impossible(problem) else None
+    certificate = (
+        prove_impossible(problem) if problem.goal == "pose" and screen.may_be_impossible(problem) else None
+    )
     if certificate is not None and not _worth_a_search(problem, certificate):
         return Candidate(certificate=certificate)
     run = _Run(problem, _Judge(problem, interval), deadline, budget.work(PROGRAMS_A_SECOND), seed, local)
@@ -212,7 +220,7 @@ class _Judge:
 
     def descend(self, q: Array) -> Finished:
         """A local search, and the verdict."""
-        return self._polished(q, steps=LOCAL_STEPS, damping=LOCAL_DAMPING)
+        return self._polished(q, steps=convex.LOCAL_STEPS, damping=convex.LOCAL_DAMPING)
 
     def prove(self, proof: Proof) -> bool:
         """Keep the proof as a certificate if it holds."""

@@ -18,13 +18,11 @@ def run(job: Job) -> None:
     with job.phase("planning"):
         world = PlanningWorld.of(scene, overshoot=OVERSHOOT, approached=[block], seed=job.seed)
         job.log_world(world)
-        job.solve(
-            world.problem(grasp), "grasp configuration"
-        )  # ends the task: there is none, and that is proved
+        # ends the task: there is none, and that is proved
+        goal = job.solve(world.problem(grasp), "grasp configuration").unwrap()
 
-        path = job.reach(
-            world, scene.robot().start, line(scene.goal("above").pose, grasp), LIMITS, "way to the block"
-        )
+        inward = line(scene.goal("above").pose, grasp)
+        path = job.reach(world, scene.robot().start, inward, LIMITS, "way to the block", goal=goal)
         job.log_plan(path)
         motion = job.retime(world, path, task["max_tool_speed"], "motion to the block")
 

@@ -11,7 +11,7 @@ import pytest
 from tests.ik.arms import beads
 from tests.ik.lifted_arms import parallel_elbow, scara, seven_axis, skew_arm
 from workcell.errors import InputError
-from workcell.geometry.types import FreeSpace
+from workcell.geometry.types import FreePolytope, FreeSpace
 from workcell.ik.ikspark.instance import instance_of
 from workcell.ik.ikspark.obstacles.cuboids import whole_set
 from workcell.ik.ikspark.plain import PlainModel, relaxation
@@ -95,15 +95,27 @@ def test_both_find_far_targets_infeasible(robot) -> None:
         )
 
 
+def cut_off(lower, upper) -> FreePolytope:
+    """A box without one of its corners."""
+    A = np.vstack([np.eye(3), -np.eye(3), np.full((1, 3), 3**-0.5)])
+    corner = float(A[-1] @ upper) - 0.2 * float(np.linalg.norm(upper - lower))
+    return FreePolytope(A, np.concatenate([upper, -lower, [corner]]), 0.0)
+
+
+@pytest.mark.parametrize("polytopes", [False, True])
 @pytest.mark.parametrize("feasible", [True, False])
-def test_values_and_verdicts_agree_with_cuboids(feasible: bool) -> None:
+def test_values_and_verdicts_agree_with_regions(feasible: bool, polytopes: bool) -> None:
     robot, rng = seven_axis(), np.random.default_rng(3)
     q = rng.uniform(-1.5, 1.5, 7)
     cover = beads(robot, 0.04)
     centres = cover.centres_world(robot.link_transforms(q))
     size = np.array([0.3, 0.25, 0.2]) if feasible else np.array([0.05, 0.05, 0.05])
     middle = centres[::3] if feasible else centres[::5]
-    problem = IKProblem(robot, robot.fk(q), cover=cover, free_space=FreeSpace(middle - size, middle + size))
+    lower, upper = middle - size, middle + size
+    space = FreeSpace(lower, upper)
+    if polytopes:
+        space = FreeSpace(lower[::2], upper[::2], polytopes=tuple(map(cut_off, lower[1::2], upper[1::2])))
+    problem = IKProblem(robot, robot.fk(q), cover=cover, free_space=space)
     plain, model = relaxation(problem)
     with instance_of(problem) as instance:
         expression, row = objective(problem, model, (instance.lift, instance.goal), 5)

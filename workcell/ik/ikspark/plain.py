@@ -17,7 +17,8 @@ import numpy as np
 
 from workcell.errors import InputError
 from workcell.ik.ikspark.lift import frame_with_z
-from workcell.ik.ikspark.obstacles.pairs import reachable_pairs
+from workcell.ik.ikspark.obstacles.pairs import reachable_pairs, region_pairs
+from workcell.ik.ikspark.obstacles.regions import Regions
 from workcell.ik.problem import IKProblem
 from workcell.ik.shared.limits import Interval
 from workcell.pose import Array
@@ -38,7 +39,8 @@ class PlainModel:
         origins: n + 1 expressions (3,), the links' origins.
         blocks: by link, the 4x4 matrix that stands for its quaternion's outer product.
         discs: by link, the pair (cosine, sine) of a planar link.
-        inside: by (sphere, cuboid), how far the sphere counts as inside the cuboid, from 0 to 1.
+        inside: by (sphere, region), how far the sphere counts as inside the cuboid, or after those the polytope, from
+            0 to 1.
     """
 
     rotations: list[Expression]
@@ -55,7 +57,7 @@ class PlainModel:
 def relaxation(problem: IKProblem) -> tuple[cvxpy.Problem, PlainModel]:
     """A feasibility problem over all lifted configurations that reach the target, and the expressions in it.
 
-    With `free_space` and `cover`, every moving sphere is also inside the cuboids, relaxed by perspectives.
+    With `free_space` and `cover`, every moving sphere is also inside a cuboid or polytope, relaxed by perspectives.
 
     Raises:
         InputError: a prismatic joint, or a chain of fewer than two joints.
@@ -160,23 +162,30 @@ def _continuity(problem: IKProblem, model: PlainModel) -> list[Expression]:
 
 
 def _cuboids(problem: IKProblem, model: PlainModel) -> list[Expression]:
-    """The perspective relaxation (69), (71) over the pairs of sphere and cuboid within reach of each other."""
+    """The perspective relaxation (69), (71) over the pairs of sphere and region within reach of each other."""
     import cvxpy as cp
 
-    assert problem.free_space is not None and problem.cover is not None
-    pairs = reachable_pairs(problem, problem.free_space)
+    free_space, cover = problem.free_space, problem.cover
+    assert free_space is not None and cover is not None
+    pairs = reachable_pairs(problem, free_space)
+    allowed = region_pairs(problem, Regions.of(free_space), steps=False)
     rows: list[Expression] = []
     for j, sphere in enumerate(pairs.sphere):
         shares, places = [], []
-        for i in np.flatnonzero(pairs.allowed[j]):
+        needed = float(cover.radius[sphere]) + problem.tolerances.safety_margin
+        for i in np.flatnonzero(allowed[j]):
             z, delta = cp.Variable(3), cp.Variable()
             model.inside[int(sphere), int(i)] = delta
-            rows += [z >= delta * pairs.lower[j, i], z <= delta * pairs.upper[j, i]]
+            if i < len(free_space):
+                rows += [z >= delta * pairs.lower[j, i], z <= delta * pairs.upper[j, i]]
+            else:
+                polytope = free_space.polytopes[i - len(free_space)]
+                rows.append(polytope.A @ z <= delta * (polytope.b - needed))
             shares.append(delta)
             places.append(z)
         if not shares:
             rows.append(cp.Constant(1) <= 0)
             continue
-        centre = model.point(int(problem.cover.link[sphere]), problem.cover.centre[sphere])
+        centre = model.point(int(cover.link[sphere]), cover.centre[sphere])
         rows += [cp.sum(cp.hstack(shares)) == 1, cp.sum(cp.vstack(places), axis=0) == centre]
     return rows

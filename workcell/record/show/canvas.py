@@ -15,6 +15,7 @@ Colour = tuple[float, float, float]
 
 _LABEL_OFFSETS = ((16, 15), (16, -17), (-38, 15), (-38, -17))
 _BLAMED = "#d03030"
+_NOT_IN_BANNER = ("errors", "continuity")
 _BANNER = {"achieved": "#2e7d32", "not achieved": "#b3261e", "incomplete": "#b7791f"}
 
 
@@ -122,9 +123,10 @@ class Sheet:
         facts = [
             f"{key} {review.result[key]}" for key in ("robot", "planner", "seed") if key in review.result
         ]
+        first = sorted(review.checks, key=lambda check: check.name != "planner")
         facts += [
             f"{review.duration:.1f} s simulated",
-            *(c.finding for c in review.checks if c.name != "errors"),
+            *(check.finding for check in first if check.name not in _NOT_IN_BANNER),
         ]
         if review.verdict != "achieved":
             facts.insert(0, review.reason)

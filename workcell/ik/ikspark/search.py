@@ -58,7 +58,7 @@ class Search:
         self._rng = np.random.default_rng(seed)
         self._verifier: Verifier | None = None
         self.rejected: list[str] = []
-        self.stats = dict.fromkeys(("sdps", "restarts", "rank_one", "rank_gap", "moved"), 0.0)
+        self.stats = dict.fromkeys(("sdps", "restarts", "rank_one", "rank_gap", "moved", "in_given"), 0.0)
         self.error: str | None = None
         self._goal, self._interval = goal_vector(problem.T_base_tool), Interval.of(problem)
         self._fresh = True

@@ -11,6 +11,7 @@ import pytest
 from tests.ik.arms import beads, box
 from tests.ik.lifted_arms import seven_axis
 from workcell.errors import InputError
+from workcell.geometry.free_space.cuboids import holds_spheres, inflate_cuboids
 from workcell.geometry.free_space.polytopes import inflate_polytope
 from workcell.geometry.types import FreeSpace
 from workcell.ik.ikspark.solver import CUTS, solve_ikspark
@@ -19,6 +20,7 @@ from workcell.ik.problem import Budget, Clearance, IKProblem
 from workcell.ik.registry import SOLVERS, is_planned_by
 from workcell.ik.result import Candidate
 from workcell.ik.solve import solve
+from workcell.pose import Array
 
 BUDGET = Budget(20.0, effort=1.0)
 BOUNDS = np.array([[-1.5, -1.5, -1.0], [1.5, 1.5, 2.0]])
@@ -71,6 +73,39 @@ def test_a_given_free_space_that_holds_the_answer_is_the_one_that_is_named() -> 
     candidate = solve_ikspark(given, BUDGET, 0, fallback=False)
     assert candidate.free_space is given.free_space
     assert_inside(given, candidate)
+
+
+def another_answer(problem: IKProblem, q: Array) -> Array:
+    """A configuration far from q (n,) that solves the problem too."""
+    for seed in range(1, 20):
+        other = solve_ikspark(problem, BUDGET, seed, fallback=False).q
+        if other is not None and np.abs(problem.robot.unwrap(other, q) - q).max() > 0.5:
+            return other
+    raise AssertionError("every seed leads to the same configuration")
+
+
+def cuboids_around(problem: IKProblem, q: Array, half: float) -> FreeSpace:
+    """A small cuboid around each moving sphere at q (n,), cut off where obstacles are."""
+    assert problem.cover is not None
+    moving = problem.cover.link > 0
+    centres = problem.cover.centres_world(problem.robot.link_transforms(q))[moving]
+    grown = inflate_cuboids(centres, problem.obstacles, BOUNDS)
+    held = holds_spheres(grown, centres, problem.cover.radius[moving]).argmax(axis=1)
+    return FreeSpace(
+        np.maximum(grown.lower[held], centres - half), np.minimum(grown.upper[held], centres + half)
+    )
+
+
+def test_given_cuboids_decide_where_the_plain_answer_lies_outside_of_them() -> None:
+    for problem in list(cells(4, seed=11)):
+        plain = solve_ikspark(problem, BUDGET, 0, fallback=False)
+        assert plain.q is not None and plain.stats["in_given"] == 0.0
+        space = cuboids_around(problem, another_answer(problem, plain.q), 0.08)
+        given = replace(problem, free_space=space)
+        candidate = solve_ikspark(given, BUDGET, 0, fallback=False)
+        assert candidate.free_space is space and candidate.stats["in_given"] == 1.0
+        assert_inside(given, candidate)
+        assert not np.allclose(candidate.q, plain.q, atol=0.05)
 
 
 def test_polytopes_hold_spheres_too() -> None:

@@ -1,9 +1,10 @@
 """The search with every sphere in a region of free space: IKSPARK among obstacles, as its section VII has it.
 
-Rows of a sphere are added when a point has it collide: a point that keeps all rows that were left out is optimal with
-them too, and a sphere that collides nowhere has a region, if need be one that Algorithm 3 inflates around it. The
-regions are the problem's, and those inflated around and beside the spheres of points that were found (the paper's
-biased seeds). The first restart has the perspective relaxation, later ones branch.
+The regions that are there decide first: rows of a sphere are added when a point has it in none of them, as a point that
+keeps all rows that were left out is optimal with them too. Where that leads nowhere, or nothing is there, the free
+space grows, by Algorithm 3 from around and beside the spheres of points that were found (the paper's biased seeds);
+then a sphere that collides nowhere has a region, and the others get rows. The first restart has the perspective
+relaxation, later ones branch.
 """
 
 from __future__ import annotations
@@ -27,7 +28,10 @@ from workcell.ik.result import Candidate
 from workcell.pose import Array
 
 ROUNDS = 6
-"""Ascents with ever more rows, after one whose point has a sphere collide."""
+"""Ascents with ever more rows, after one whose point has a sphere in no region."""
+
+GIVEN_ALONE = 3
+"""Restarts in the regions of a given free space, as in the paper, before it grows; one where queries share it."""
 
 
 class AmongCuboids:
@@ -45,6 +49,8 @@ class AmongCuboids:
         self._search, self._instance, self._problem, self._cover = search, instance, problem, problem.cover
         self._instances, self._most = Instances(problem, stack), most
         self.room = Room(problem)
+        self._given = self.room.free_space
+        self._alone = 0 if not len(self.room.regions) else GIVEN_ALONE if problem.grow is None else 1
         self._moving = np.flatnonzero(problem.cover.link > 0)
         self._needed = problem.cover.radius[self._moving] + problem.tolerances.safety_margin
         self._maps = moving_maps(instance.lift, problem) @ instance.goal
@@ -57,18 +63,34 @@ class AmongCuboids:
         return isfinite(self._most) and (self.spare is not None or self._search.stats["sdps"] >= self._most)
 
     def climb(self) -> Reached:
-        """One restart: an ascent, then others with rows for the spheres that collide."""
-        search, lift = self._search, self._instance.lift
-        first = reached = search.attempt(self._instance, search.direction(lift))
+        """One restart: an ascent, then others with rows, in the regions that are there, then in more of them."""
+        search, self._restarts = self._search, self._restarts + 1
+        first = search.attempt(self._instance, search.direction(self._instance.lift))
+        for grows in self._turns():
+            reached = self._ascended(first, grows)
+            if reached.accepted and not self._outside_at(reached).any():
+                search.stats["in_given"] = float(self.room.free_space is self._given)
+                return reached
+        return Reached(first.x, first.ray)
+
+    def _turns(self) -> tuple[bool, ...]:
+        """Whether the free space grows, by turns of this restart."""
+        if self._alone == 0:
+            return (True,)
+        return (False,) if self._restarts < self._alone else (False, True)
+
+    def _ascended(self, reached: Reached, grows: bool) -> Reached:
+        """Ascents with ever more rows, from a point without; where `grows`, the free space grows with them."""
         demands = self._demands()
         for _ in range(ROUNDS):
-            if reached.x is None or self._is_settled(reached) or search.over():
+            if reached.x is None or self._is_settled(reached, grows) or self._search.over():
                 break
-            convex = self._tightened(reached.x, demands)
+            convex = self._tightened(reached.x, demands, grows)
             if convex is None:
                 break
-            reached = search.attempt(convex, linearise(lift, reached.x)[1], ", in cuboids")
-        return reached if self._is_settled(reached) else Reached(first.x, first.ray)
+            where = ", in cuboids" if grows else ", in the cuboids that are there"
+            reached = self._search.attempt(convex, linearise(self._instance.lift, reached.x)[1], where)
+        return reached
 
     def answer(self, q: Array) -> Candidate:
         """The configuration, with the region that each sphere is in."""
@@ -78,27 +100,25 @@ class AmongCuboids:
         return self._search.answer(q, cuboids, self.room.free_space)
 
     def _demands(self) -> Demands:
-        self._restarts += 1
         if self._restarts == 1:
             return Rounding(self._instance, self._maps, self._needed)
         return Branch(self._instances, self._maps, self._needed)
 
-    def _tightened(self, x: Array, demands: Demands) -> ConvexSet | None:
-        """The set with rows for the spheres that collide at x (N,); None where nothing more can be demanded."""
-        centres = self._maps[..., :-1] @ x + self._maps[..., -1]
+    def _tightened(self, x: Array, demands: Demands, grows: bool) -> ConvexSet | None:
+        """The set with rows for spheres that need them at x (N,); None where nothing more can be demanded."""
+        centres, recounted = self._maps[..., :-1] @ x + self._maps[..., -1], False
         outside = np.flatnonzero(self._outside(centres))
+        if grows and len(outside):
+            recounted = self.room.seed(centres[outside], self._needed[outside])
+            self._tell_growth(len(outside))
+            outside = np.flatnonzero(self._outside(centres))
+            outside = outside[~self.room.clear(centres[outside], self._needed[outside])]
         if not len(outside):
-            return None
-        recounted = self.room.seed(centres[outside], self._needed[outside])
-        self._tell_growth(len(outside))
-        outside = np.flatnonzero(self._outside(centres))
-        colliding = outside[~self.room.clear(centres[outside], self._needed[outside])]
-        if not len(colliding):
             return None
         regions = self.room.regions
         allowed = region_pairs(self._problem, regions)
         depths = np.where(allowed, regions.depths(centres, self._needed), np.inf)
-        return demands.tightened(Point(centres, colliding, regions, depths, recounted))
+        return demands.tightened(Point(centres, outside, regions, depths, recounted))
 
     def _centres(self, q: Array) -> Array:
         """(m, 3) world centres of the moving spheres."""
@@ -108,13 +128,20 @@ class AmongCuboids:
         """(m,) which spheres lie in no region."""
         return self.room.regions.holding(centres, self._needed) < 0
 
-    def _is_settled(self, reached: Reached) -> bool:
-        """Whether an accepted configuration has every sphere in a region, if need be in one grown for it."""
+    def _outside_at(self, reached: Reached) -> NDArray[np.bool_]:
+        """(m,) which spheres lie in no region at a configuration that was reached."""
+        assert reached.q is not None
+        return self._outside(self._centres(reached.q))
+
+    def _is_settled(self, reached: Reached, grows: bool) -> bool:
+        """Whether an accepted configuration has every sphere in a region; where `grows`, in one grown for it."""
         if not reached.accepted or reached.q is None:
             return False
+        outside = self._outside_at(reached)
+        if not grows or not outside.any():
+            return not outside.any()
         centres = self._centres(reached.q)
-        outside = self._outside(centres)
-        if outside.any() and self.room.clear(centres[outside], self._needed[outside]).all():
+        if self.room.clear(centres[outside], self._needed[outside]).all():
             self.room.hold(centres[outside], self._needed[outside])
             self._tell_growth(int(np.count_nonzero(outside)))
             outside = self._outside(centres)

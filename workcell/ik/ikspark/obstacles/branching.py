@@ -1,4 +1,4 @@
-"""One region for every sphere that collides, and of its faces those that are violated: branching, lazily.
+"""One region for every sphere that is in none, and of its faces those that are violated: branching, lazily.
 
 The branch of (71) in which delta is one for the region that a sphere sticks out of least. A face enters when a point
 violates it, as a half-space of the plain relaxation, whose solvers are kept from query to query.
@@ -48,14 +48,14 @@ class Branch:
         self._owner = np.zeros(0, dtype=np.int64)
 
     def tightened(self, point: Point) -> Instance | None:
-        """The relaxation with the faces that colliding spheres violate; None: one of them has no region."""
+        """The relaxation with the faces that those spheres violate; None: one of them has no region."""
         if not point.possible:
             return None
         if point.recounted:
             self._region.clear()
             self._rows, self._owner = self._rows[:0], self._owner[:0]
         nearest = point.nearest
-        for j in point.colliding.tolist():
+        for j in point.demanded.tolist():
             region = int(nearest[j])
             if self._region.get(j, region) != region:
                 kept = self._owner != j

@@ -1,4 +1,4 @@
-"""What is demanded of spheres that collide: the question that the perspective relaxation and branching answer."""
+"""What is demanded of spheres in no region: the question that the perspective relaxation and branching answer."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ class Point:
 
     Attributes:
         centres: (m, 3) of the moving spheres.
-        colliding: spheres that collide.
+        demanded: spheres that are to get rows: those in no region, or those that collide.
         regions: the free space.
         depths: (m, n) metres by which each sphere sticks out of each region; inf where it can't be in it.
         recounted: whether the regions are others than at the last point.
     """
 
     centres: Array
-    colliding: NDArray[np.int64]
+    demanded: NDArray[np.int64]
     regions: Regions
     depths: Array
     recounted: bool
@@ -39,8 +39,8 @@ class Point:
 
     @property
     def possible(self) -> bool:
-        """Whether every sphere that collides has a region that it may be in."""
-        return bool(np.isfinite(self.depths[self.colliding]).any(axis=1).all())
+        """Whether every one of them has a region that it may be in."""
+        return bool(np.isfinite(self.depths[self.demanded]).any(axis=1).all())
 
 
 class Demands(Protocol):

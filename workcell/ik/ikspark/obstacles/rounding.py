@@ -1,4 +1,4 @@
-"""The perspective relaxation for spheres that collide, and its rounding to one region a sphere.
+"""The perspective relaxation for spheres in no region, and its rounding to one region a sphere.
 
 Rank 1 does not make the deltas of (69) whole: a sphere may be between two regions, in the hull of both. Such a sphere
 is put into the region that has the largest share of it, for the rest of the restart.
@@ -27,7 +27,7 @@ class Rounding:
         self._set: CuboidSet | None = None
 
     def tightened(self, point: Point) -> CuboidSet | None:
-        """The relaxation with rows for the spheres that collide, or have before; None: one of them has no region."""
+        """The relaxation with rows for those spheres, and those before them; None: one of them has no region."""
         if not point.possible:
             return None
         if point.recounted:
@@ -40,9 +40,9 @@ class Rounding:
         return self._set
 
     def _decide(self, point: Point) -> None:
-        """Who collides for the first time is shared out; who does so again is put into one region."""
+        """Who is outside for the first time is shared out; who is so again is put into one region."""
         shares = {} if self._set is None else self._set.best()
-        for j in point.colliding.tolist():
+        for j in point.demanded.tolist():
             if j in self._fixed:
                 self._fixed[j] = int(point.nearest[j])
             elif j in self._relaxed:

@@ -111,7 +111,8 @@ def test_a_target_beyond_the_bound_is_empty_at_once() -> None:
     q = np.array([0.3, 0.6, -0.2, 1.0, 0.4, 0.8, 0.5])
     problem = IKProblem(robot, robot.fk(q + 0.1), q_reference=q, max_step=0.3, max_link_rotation=0.02)
     candidate = solve_cidgik(problem, Budget(10.0, effort=1.0))
-    assert candidate.q is None and candidate.certificate is None and candidate.stats["low_rank"] == 0
+    assert candidate.q is None and candidate.certificate is None and candidate.error is None
+    assert candidate.stats["low_rank"] == 0 and candidate.stats["restarts"] <= 3
 
 
 def test_blocks_have_the_rows_too() -> None:

@@ -101,6 +101,7 @@ class Search:
             "restarts": float(self.restarts),
             "low_rank": float(self.low_rank),
             "rows": float(self.rows),
+            "left_out": 0.0 if self.keeper is None else float(self.keeper.left_out),
             "rank_gap": self.last.gap if np.isfinite(self.last.gap) else 0.0,
             "moved": self.moved,
         }
@@ -111,7 +112,7 @@ class Search:
 
     def run(self) -> Array | None:
         """A configuration that the finisher accepts; None when there is none, or none was found in time."""
-        failures = 0
+        failures, rays = 0, 0
         while not self.over() and failures < MOST_FAILURES:
             if self.keeper is not None:
                 self.keeper.forget_passing()
@@ -127,10 +128,10 @@ class Search:
                 return None
             if self.instance.determined:
                 return None
-            failures = failures + 1 if empty else 0
+            failures, rays = (failures + 1, rays + (self.last.ray is not None)) if empty else (0, 0)
             if self.restarts == PROVE_AFTER and self._prove_with_all():
                 return None
-        if failures == MOST_FAILURES and self.last.ray is None:
+        if failures == MOST_FAILURES and not rays:
             self.error = "Clarabel found neither a point of the relaxation nor a proof that it is empty"
         return None
 

@@ -11,9 +11,10 @@ import pytest
 
 from tests.ik.arms import beads, box, hugged
 from tests.ik.lifted_arms import seven_axis
+from workcell.bench.ik.cidgik_scaling import long_arm
 from workcell.geometry.types import Piece
 from workcell.ik.cidgik.instance import Instance
-from workcell.ik.cidgik.model import relaxation_at
+from workcell.ik.cidgik.model import fastest_relaxation_at, relaxation_at
 from workcell.ik.cidgik.plain import relaxation
 from workcell.ik.cidgik.solver import solve_cidgik
 from workcell.ik.cidgik.workspace.keeper import Keeper
@@ -241,3 +242,21 @@ def _way(start: Pose, goal: Pose, pieces: tuple[Piece, ...]) -> list[np.ndarray]
         assert verify(step, result.q).accepted
         way.append(np.array(result.q))
     return way
+
+
+def test_long_chains_keep_out_of_solids_too() -> None:
+    robot = long_arm(20, 2.0)
+    cover = beads(robot, 0.03)
+    pose = robot.fk(np.random.default_rng(0).uniform(-0.8, 0.8, 20))
+    free = solve(IKProblem(robot, pose, (), cover), "cidgik", Budget(10.0)).unwrap()
+    centres = cover.centres_world(robot.link_transforms(free))
+    boxes = [
+        box(f"box {k}", tuple(np.add(centres[k], [0.0, 0.04, 0.02])), (0.04, 0.03, 0.03)) for k in (14, 22)
+    ]
+    problem = IKProblem(robot, pose, tuple(boxes), cover)
+    _, blocks, keeper = fastest_relaxation_at(problem)
+    assert not isinstance(blocks, Instance) and keeper is not None
+    assert clearance(problem, free) < 0
+    result = solve(problem, "cidgik", Budget(10.0, effort=1.0))
+    assert result.solver == "cidgik" and result.stats["cidgik.rows"] > 0
+    assert clearance(problem, result.unwrap()) >= 0

@@ -20,6 +20,7 @@ from workcell.ik.problem import IKProblem
 from workcell.ik.result import IKResult, Status
 from workcell.model.scene import Scene
 from workcell.pose import Array
+from workcell.record.read.compare import compare
 from workcell.record.read.cuboids import LinkUse, cuboid_rows
 from workcell.record.read.reader import read
 from workcell.record.read.review import Review, review
@@ -406,5 +407,8 @@ def test_an_older_layout_s_cuboids_are_told_by_geometry_alone(
     (use,) = found.stage.uses
     assert use.numbers == ((3,), (7,)) and use.outside.tolist() == [0, 2]
     assert found.by_geometry and not review(file).by_geometry
+    apart = compare(found, review(file)).cuboids
+    assert [row[0] for row in apart] == ["cuboids in use"], "what links were in is not what decided"
+    assert compare(review(file), review(file)).cuboids == ()
     assert "cuboids that links were in, by geometry alone" in text_of(found)
     assert not [words for words in found.missing if "layout" in words]

@@ -70,7 +70,7 @@ class Comparison:
         facts: result and manifest entries that differ: name, first, second.
         metrics: of both, in the order of names.
         motions: robots in both.
-        cuboids: links that are in other cuboids: robot/link, first, second.
+        cuboids: what the cuboids in use are, and links in other ones: robot/link, first, second.
         ways: where others answered their queries: what was asked, by whom in the first, in the second.
         stages: of the solvers, where their numbers differ: what was asked, solver, stage, times in the first, in the
             second.
@@ -202,9 +202,16 @@ def _motion(robot: str, a: Series, b: Series) -> MotionDifference:
 
 
 def _cuboids(first: Review, second: Review) -> list[tuple[str, str, str]]:
-    """Links that both recordings tell of, in other cuboids or for other shares of the time."""
+    """What the cuboids in use are, where that differs, and links in other cuboids or for other shares of the time.
+
+    Those that decided are not compared with those that links were in by geometry alone, as older recordings tell.
+    """
+    said = first.cuboid_words, second.cuboid_words
+    rows = [("cuboids in use", said[0] or "-", said[1] or "-")] if said[0] != said[1] else []
+    if first.by_geometry != second.by_geometry:
+        return rows
     a, b = ({f"{row.robot}/{row.link}": row.words for row in review.cuboids} for review in (first, second))
-    return [(link, a[link], b[link]) for link in a if link in b and a[link] != b[link]]
+    return rows + [(link, a[link], b[link]) for link in a if link in b and a[link] != b[link]]
 
 
 def _ways(first: Review, second: Review) -> list[tuple[str, str, str]]:

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from tests.geometry.shapes import points_inside
-from workcell.geometry.covers.outer import cover_of
 from workcell.geometry.obstacle_arrays import ObstacleArrays
-from workcell.geometry.types import Piece
+from workcell.geometry.types import Piece, SphereCover
 from workcell.model.scene import Scene
 from workcell.motion.tool_paths.poses import line
 from workcell.pose import Pose
@@ -71,17 +70,17 @@ def test_where_nothing_touches_the_world_is_the_same(bin_world):
     assert world.fitting(high) is world and world.fitting(()) is world
 
 
-def test_a_hand_inside_an_obstacle_is_still_covered(bin_world):
+def test_a_pose_that_puts_the_hand_into_an_obstacle_is_not_fitted_to(bin_world):
     world, way = bin_world
     sunk = Pose.from_xyz([0.0, 0.0, -0.05]) @ way[0]
-    fitted = world.fitting((sunk,))
-    assert clearances(fitted, sunk).min() < 0 and fitted.cover.kind == "outer"
+    assert clearances(world, sunk).min() < 0 and world.fitting((sunk,)) is world
+    assert len(world.fitting((sunk, *way)).cover) == len(world.fitting(way).cover)
 
 
 def test_a_large_piece_keeps_the_spheres_that_it_has():
     board = Piece("board", "box", Pose.identity(), np.array([0.5, 0.4, 0.02]))
     shelf = Piece("shelf", "box", Pose.from_xyz([0.0, 0.0, -0.04]), np.array([0.5, 0.4, 0.01]))
-    cover = cover_of([board], 0.03, link=3)
+    cover = SphereCover(np.array([3]), np.zeros((1, 3)), np.array([0.65]), "outer", np.array([0.63]))
     fitted = fitting_cover(cover, [board], 3, np.eye(4)[None], [shelf])
     assert np.array_equal(fitted.centre, cover.centre)
 

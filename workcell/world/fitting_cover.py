@@ -42,10 +42,11 @@ def fitting_cover(
         cover: outer spheres in link frames.
         pieces: all that is on the link, in its frame.
         link: its index.
-        T_world_link: (k, 4, 4) where it will be.
+        T_world_link: (k, 4, 4) where it will be; places where what it holds is in an obstacle don't count.
         obstacles: convex pieces in the world frame.
     """
     packed = ObstacleArrays(obstacles)
+    T_world_link = T_world_link[_possible(_part(cover, cover.link == link), T_world_link, packed)]
     for overshoot in FINER:
         assert cover.overshoot is not None  # set by SphereCover
         touching = (cover.link == link) & (cover.overshoot > overshoot)
@@ -80,6 +81,14 @@ def hand_pieces(scene: Scene, robot: SceneRobot, attached: tuple[str, Pose] | No
     T_link_world = tool.T_link_tool @ attached[1] @ T_object_world
     carried = pieces_of_bodies(scene.model, sorted(held.body_ids), qpos)
     return (*pieces, *(move_piece(piece, T_link_world) for piece in carried))
+
+
+def _possible(cover: SphereCover, T_world_link: Array, packed: ObstacleArrays) -> NDArray[np.bool_]:
+    """(k,) in which places no sphere of a link, less its overshoot, is in an obstacle: in others no cover helps."""
+    solid = cover.bare_radius > 0  # the others may be wholly beside what they cover
+    centres = sphere_centres(cover.centre[solid], T_world_link)
+    possible: NDArray[np.bool_] = np.all(packed.nearest(centres)[0] > cover.bare_radius[solid], axis=1)
+    return possible
 
 
 def _touching(cover: SphereCover, T_world_link: Array, packed: ObstacleArrays) -> NDArray[np.bool_]:

@@ -47,7 +47,7 @@ class Proving:
         """That not every sphere can be in one of the cuboids that were given.
 
         It is kept until `PROOF_AFTER`, or until the end: the true obstacles may leave more room. What the solver grew
-        itself has no part in it.
+        itself has no part in it, and of a free space that queries let grow nothing is said.
         """
         if not self._model_tried and (at_last or self._search.stats["sdps"] >= ASKED_AFTER):
             self._model_tried = True
@@ -57,7 +57,7 @@ class Proving:
 
     def _in_given_cuboids(self) -> Certificate | None:
         problem, given = self._problem, self._problem.free_space
-        if given is None or problem.cover is None or not problem.obstacles:
+        if given is None or problem.grow is not None or problem.cover is None or not problem.obstacles:
             return None
         whole = whole_set(self._instance, problem, given)
         if whole is None:

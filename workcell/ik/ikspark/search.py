@@ -23,6 +23,8 @@ from workcell.pose import Array
 
 PROGRAMS_A_SECOND = 300
 """Cone programs, with what goes on between them, that one quiet core does in a second."""
+GROWTH = 3
+"""Cone programs that growing the free space counts as: about what it costs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +50,7 @@ class Search:
     Attributes:
         problem: the query.
         local: whether to descend locally from every iterate besides.
-        most: cone programs at most.
+        most: work at most, in cone programs.
         stats, rejected, error, stages: for the report.
     """
 
@@ -58,15 +60,21 @@ class Search:
         self._rng = np.random.default_rng(seed)
         self._verifier: Verifier | None = None
         self.rejected: list[str] = []
-        self.stats = dict.fromkeys(("sdps", "restarts", "rank_one", "rank_gap", "moved", "in_given"), 0.0)
+        counts = ("sdps", "restarts", "growths", "rank_one", "rank_gap", "moved", "in_given")
+        self.stats = dict.fromkeys(counts, 0.0)
         self.error: str | None = None
         self._goal, self._interval = goal_vector(problem.T_base_tool), Interval.of(problem)
         self._fresh = True
         self.stages = StageLog()
 
+    @property
+    def work(self) -> float:
+        """What has been done, in cone programs."""
+        return self.stats["sdps"] + GROWTH * self.stats["growths"]
+
     def over(self) -> bool:
         """Whether the budget is spent."""
-        return clock.cpu_seconds() >= self._deadline or self.stats["sdps"] >= self.most
+        return clock.cpu_seconds() >= self._deadline or self.work >= self.most
 
     def answer(
         self,

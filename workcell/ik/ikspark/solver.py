@@ -31,8 +31,8 @@ from workcell.pose import Array
 
 CUTS = "ikspark+cuts"
 """The name of the fallback."""
-CUBOIDS_FIRST = 40
-"""Cone programs among cuboids before the fallback's turn."""
+CUBOIDS_FIRST = 60
+"""Work among cuboids before the fallback's turn, in cone programs."""
 
 
 def solve_ikspark(
@@ -48,7 +48,7 @@ def solve_ikspark(
 
     Args:
         problem: a serial chain of revolute joints; with `q_reference` the search begins next to it.
-        budget: CPU seconds, and cone programs.
+        budget: CPU seconds, and work in cone programs.
         seed: of the random directions.
         local: also run Levenberg-Marquardt from the angles read at every iterate (`ikspark+lm`). Without it
             an answer is read from a point whose rank gap is below 1e-5, and polish moved it by 1e-2 rad or less.

@@ -155,6 +155,31 @@ def test_what_no_cuboid_holds_is_the_fallback_s_and_says_so() -> None:
     assert local.q is not None and local.cuboids is None
 
 
+def test_the_fallback_comes_after_a_counted_amount_of_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = next(p for k, p in enumerate(cells(6)) if solve_ikspark(p, BUDGET, k).stats["restarts"] > 1)
+    alone = solve(problem, "ikspark", BUDGET)
+    assert alone.solver == "ikspark" and any(stage.name == "cuboids grown" for stage in alone.stages)
+    monkeypatch.setattr("workcell.ik.ikspark.solver.CUBOIDS_FIRST", 1)
+    result = solve(problem, "ikspark", BUDGET)
+    assert result.solver == CUTS and result.cuboids is None
+    assert any("half-spaces" in stage.note for stage in result.stages)
+
+
+def test_nothing_is_proved_about_free_space_that_was_grown() -> None:
+    """A wall in the shoulder, free space that holds no arm: only what was given is proved to be too small."""
+    robot = seven_axis()
+    q = np.array([0.3, 0.6, -0.4, 1.2, 0.2, 0.8, 0.0])
+    shoulder = box("wall", (0.0, 0.0, 0.3), (0.02, 0.02, 0.02))
+    problem = IKProblem(robot, robot.fk(q), (shoulder,), beads(robot, 0.04))
+    small = FreeSpace([[-1, -1, 0]], [[-0.3, 1, 0.9]])
+    few = Budget(20.0, effort=0.3)
+    assert solve_ikspark(problem, few, 0).certificate is None
+    given = solve_ikspark(replace(problem, free_space=small), few, 0).certificate
+    assert given is not None and given.scope == "model"
+    growing = replace(problem, free_space=small, grow=lambda points, radii=None: small)
+    assert solve_ikspark(growing, few, 0).certificate is None
+
+
 def test_half_spaces_alone_are_a_solver() -> None:
     problem = next(cells(1, seed=6))
     result = solve(problem, CUTS, BUDGET)

@@ -43,7 +43,7 @@ class AmongCuboids:
     """
 
     def __init__(self, search: Search, instance: Instance, stack: ExitStack, *, most: float) -> None:
-        """Prepare; `most` cone programs are this way's share."""
+        """Prepare; `most`, in cone programs, is this way's share of the work."""
         problem = search.problem
         assert problem.cover is not None
         self._search, self._instance, self._problem, self._cover = search, instance, problem, problem.cover
@@ -60,7 +60,7 @@ class AmongCuboids:
     @property
     def exhausted(self) -> bool:
         """Whether its share of the work is done, or it has a spare answer for the fallback to give."""
-        return isfinite(self._most) and (self.spare is not None or self._search.stats["sdps"] >= self._most)
+        return isfinite(self._most) and (self.spare is not None or self._search.work >= self._most)
 
     def climb(self) -> Reached:
         """One restart: an ascent, then others with rows, in the regions that are there, then in more of them."""
@@ -110,7 +110,7 @@ class AmongCuboids:
         outside = np.flatnonzero(self._outside(centres))
         if grows and len(outside):
             recounted = self.room.seed(centres[outside], self._needed[outside])
-            self._tell_growth(len(outside))
+            self._count_growth(len(outside))
             outside = np.flatnonzero(self._outside(centres))
             outside = outside[~self.room.clear(centres[outside], self._needed[outside])]
         if not len(outside):
@@ -143,13 +143,14 @@ class AmongCuboids:
         centres = self._centres(reached.q)
         if self.room.clear(centres[outside], self._needed[outside]).all():
             self.room.hold(centres[outside], self._needed[outside])
-            self._tell_growth(int(np.count_nonzero(outside)))
+            self._count_growth(int(np.count_nonzero(outside)))
             outside = self._outside(centres)
         if outside.any() and self.spare is None:
             self.spare = reached.q
         return not outside.any()
 
-    def _tell_growth(self, spheres: int) -> None:
+    def _count_growth(self, spheres: int) -> None:
         there = self.room.free_space
         note = f"for {spheres} spheres in none; now {len(there)} and {len(there.polytopes)} polytopes"
         self._search.stages.add("cuboids grown", note=note)
+        self._search.stats["growths"] += 1

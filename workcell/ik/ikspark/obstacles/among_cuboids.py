@@ -55,6 +55,7 @@ class AmongCuboids:
         self._needed = problem.cover.radius[self._moving] + problem.tolerances.safety_margin
         self._maps = moving_maps(instance.lift, problem) @ instance.goal
         self._restarts = 0
+        self._at: tuple[Array | None, Array] = (None, np.zeros((0, 3)))
         self.spare: Array | None = None
 
     @property
@@ -121,8 +122,11 @@ class AmongCuboids:
         return demands.tightened(Point(centres, outside, regions, depths, recounted))
 
     def _centres(self, q: Array) -> Array:
-        """(m, 3) world centres of the moving spheres."""
-        return self._cover.centres_world(self._problem.robot.link_transforms(q))[self._moving]
+        """(m, 3) world centres of the moving spheres; those at the configuration asked about last are kept."""
+        if self._at[0] is not q:
+            T = self._problem.robot.link_transforms(q)
+            self._at = q, self._cover.centres_world(T)[self._moving]
+        return self._at[1]
 
     def _outside(self, centres: Array) -> NDArray[np.bool_]:
         """(m,) which spheres lie in no region."""

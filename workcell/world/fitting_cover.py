@@ -24,7 +24,7 @@ from workcell.pose import Array, Pose
 
 FINER = (0.01, 0.006, 0.004)
 """Metres by which finer spheres may stick out, one after the other, until none touches."""
-_MOST = 200
+_MOST = 70
 """Spheres that a piece may take, about; a larger one, such as a crate's side, keeps the spheres that it has."""
 _ROOM = 1e-3
 """Metres that a sphere should have around it: for the pose's tolerance, and a cuboid's gap."""

@@ -46,9 +46,6 @@ from workcell.pose import Array
 
 SPHERES_FIRST = 60
 """Cone programs after which spheres that cover solids, and have not led to an answer, give way to planes."""
-_GIVEN_UP = SolverStage(
-    "planes", 0.0, note="the spheres that cover the obstacles give way to planes that touch them"
-)
 STEP_PROGRAMS = 30
 """Cone programs that spheres, and then planes, get for a step: it takes one or two, or can't be made."""
 PLANES = "cidgik+planes"
@@ -71,7 +68,7 @@ def solve_cidgik(
 
     Obstacles that are no spheres are spheres first: those that cover them. Where these leave nothing, or have not
     answered after `SPHERES_FIRST` cone programs (`STEP_PROGRAMS` of a step), the search begins again with planes that
-    touch the obstacles, and what it finds is the answer of `PLANES`.
+    touch the obstacles, and what it finds is the answer of `PLANES` (of `cidgik+lm`, whose stages then say so).
 
     Args:
         problem: a serial chain of revolute joints; with `q_reference` the search begins next to it.
@@ -101,7 +98,8 @@ def solve_cidgik(
     run = _Run(problem, _Judge(problem, interval), deadline, budget.work(PROGRAMS_A_SECOND), seed, local)
     found = run.search(tangent)
     if not tangent and run.undecided(found):
-        run.found = replace(found, stages=(*found.stages, _GIVEN_UP))
+        note = "the spheres that cover the obstacles give way to planes that touch them"
+        run.found = replace(found, stages=(*found.stages, SolverStage("planes", 0.0, note=note)))
         found = run.search(tangent=True)
     if found.q is None and found.certificate is None and certificate is not None:
         return replace(found, certificate=certificate)

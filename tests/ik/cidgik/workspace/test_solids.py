@@ -18,7 +18,7 @@ from workcell.ik.cidgik.model import fastest_relaxation_at, relaxation_at
 from workcell.ik.cidgik.plain import relaxation
 from workcell.ik.cidgik.solver import solve_cidgik
 from workcell.ik.cidgik.workspace.keeper import Keeper
-from workcell.ik.cidgik.workspace.solids import OVERSHOOT
+from workcell.ik.cidgik.workspace.solids import OVERSHOOT, Solids, SolidSpheres
 from workcell.ik.judge.exact import ExactDistances, ExactKinematics, smallest_clearance
 from workcell.ik.judge.verify import verify
 from workcell.ik.problem import Budget, Clearance, IKProblem
@@ -260,3 +260,21 @@ def test_long_chains_keep_out_of_solids_too() -> None:
     result = solve(problem, "cidgik", Budget(10.0, effort=1.0))
     assert result.solver == "cidgik" and result.stats["cidgik.rows"] > 0
     assert clearance(problem, result.unwrap()) >= 0
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.03])
+def test_whatever_is_inside_meets_a_ball(radius: float) -> None:
+    """Bare points deep inside, too; and nothing that is farther from the solids than their covers stick out."""
+    pieces = (
+        box("block", (0.3, 0.0, 0.4), (0.2, 0.15, 0.1)),
+        Piece("drum", "cylinder", Pose.from_xyz([-0.3, 0.1, 0.4]), np.array([0.1, 0.2])),
+    )
+    points = np.random.default_rng(0).uniform([-0.6, -0.4, 0.1], [0.7, 0.4, 0.7], (400, 3))
+    met = SolidSpheres(Solids(pieces), np.full(400, radius), None, np.zeros(400))
+    pairs = {(i, met.solid[j]) for i, j in met.met(points)}
+    gap = np.array([ExactDistances(pieces)(point[None])[0] for point in points]) - radius
+    assert {(int(i), int(k)) for i, k in np.argwhere(gap < -1e-6)} <= pairs
+    assert pairs <= {(int(i), int(k)) for i, k in np.argwhere(gap < OVERSHOOT)}
+    assert len(pairs) > 20
+    for i, j in met.met(points):
+        assert np.linalg.norm(points[i] - met.centre[j]) < met.radius[j] + radius

@@ -68,10 +68,19 @@ class Solids:
             gradients.append(gradient[too_near])
         return np.concatenate(pairs), np.concatenate(distances), np.concatenate(gradients)
 
-    def ball_between(self, k: int, centre: Array, distance: float, outwards: Array) -> tuple[Array, float]:
-        """The ball (3,) and its radius of solid k's cover that pushes a point (3,) out of it most directly.
+    def ball_between(
+        self, k: int, centre: Array, needed: float, distance: float, outwards: Array
+    ) -> tuple[Array, float] | None:
+        """The ball (3,) and its radius of solid k's cover that pushes a sphere out of it most directly.
 
-        It holds the solid's point nearest to the point; of a point inside, it may be the ball of the point itself.
+        It holds the solid's point nearest to the sphere's centre; where that is inside, it may be the ball of the
+        centre itself. None: the sphere overlaps neither.
+
+        Args:
+            k: the solid.
+            centre: (3,) of the sphere, in the world.
+            needed: metres that it keeps from solids.
+            distance, outwards: signed, from the solid, and the gradient (3,).
         """
         held = (centre - (distance + _INSIDE) * outwards)[None]
         if distance < -_INSIDE:
@@ -80,9 +89,10 @@ class Solids:
             self._covers[k] = LocalCover(self.pieces[k], OVERSHOOT)
         centres, radii = self._covers[k].holding(held)
         away = centre - centres
-        directness = away @ outwards / np.maximum(np.linalg.norm(away, axis=1), _INSIDE)
+        length = np.linalg.norm(away, axis=1)
+        directness = np.where(length < radii + needed, away @ outwards / np.maximum(length, _INSIDE), -np.inf)
         best = int(directness.argmax())
-        return centres[best], float(radii[best])
+        return (centres[best], float(radii[best])) if np.isfinite(directness[best]) else None
 
 
 class SolidSpheres:
@@ -120,11 +130,11 @@ class SolidSpheres:
         for (i, k), distance, outward in zip(pairs.tolist(), distances.tolist(), outwards, strict=True):
             if (i, k) in self.left_out:
                 continue
-            centre, radius = self._solids.ball_between(k, centres[i], distance, outward)
-            if np.linalg.norm(centres[i] - centre) < radius + self._needed[i]:
-                found.append((i, self._numbered(k, centre, radius)))
-                depth = float(self._needed[i]) - distance
-                self._least[i, k] = min(depth, self._least.get((i, k), np.inf))
+            needed = float(self._needed[i])
+            ball = self._solids.ball_between(k, centres[i], needed, distance, outward)
+            if ball is not None:
+                found.append((i, self._numbered(k, *ball)))
+                self._least[i, k] = min(needed - distance, self._least.get((i, k), np.inf))
         return found
 
     def may_be_clear(self, i: int, j: int) -> bool:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.geometry.shapes import points_inside
+from workcell.geometry.covers.outer import cover_of
 from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.types import Piece, SphereCover
 from workcell.model.scene import Scene
@@ -83,6 +84,22 @@ def test_a_large_piece_keeps_the_spheres_that_it_has():
     cover = SphereCover(np.array([3]), np.zeros((1, 3)), np.array([0.65]), "outer", np.array([0.63]))
     fitted = fitting_cover(cover, [board], 3, np.eye(4)[None], [shelf])
     assert np.array_equal(fitted.centre, cover.centre)
+
+
+def test_a_lid_is_refined_where_it_is_near_and_still_held():
+    lid = Piece("lid", "box", Pose.from_xyz([0.1, 0.0, 0.05]), np.array([0.2, 0.15, 0.005]))
+    wall = Piece("wall", "box", Pose.from_xyz([0.32, 0.0, 0.05]), np.array([0.01, 0.5, 0.5]))
+    cover = cover_of([lid], 0.02, link=3)
+    fitted = fitting_cover(cover, [lid], 3, np.eye(4)[None], [wall])
+    near = ObstacleArrays([wall]).distances
+    assert (
+        (near(cover.centre)[:, 0] - cover.radius).min()
+        < 0
+        < (near(fitted.centre)[:, 0] - fitted.radius).min()
+    )
+    points = points_inside(np.random.default_rng(0), lid, 3000)
+    apart = np.linalg.norm(points[:, None] - fitted.centre, axis=2)
+    assert np.all((apart <= fitted.radius + 1e-9).any(axis=1))
 
 
 def test_what_fits_is_not_made_finer_again(bin_world):

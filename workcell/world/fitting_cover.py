@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.geometry.covers.outer import cover_of, merge_covers
-from workcell.geometry.covers.subdivision import expected_count
+from workcell.geometry.covers.outer import cover_of, merge_covers, overshoots
+from workcell.geometry.covers.subdivision import cover_by_cells, expected_count
 from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.pieces import move_piece, pieces_of_bodies, robot_pieces
 from workcell.geometry.types import Piece, SphereCover
@@ -24,8 +24,8 @@ from workcell.pose import Array, Pose
 
 FINER = (0.01, 0.006, 0.004)
 """Metres by which finer spheres may stick out, one after the other, until none touches."""
-_MOST = 70
-"""Spheres that a piece may take, about; a larger one, such as a crate's side, keeps the spheres that it has."""
+_FEW, _MOST = 70, 1000
+"""Spheres of a piece, about: up to so many they are searched for, and for more than `_MOST` it keeps those it has."""
 _ROOM = 1e-3
 """Metres that a sphere should have around it: for the pose's tolerance, and a cuboid's gap."""
 
@@ -112,9 +112,7 @@ def _refined(
         near = met[gone]
         if not near.any():
             continue
-        # covered in its own frame: the same numbers, and the same cover, wherever the fingers are
-        fine = cover_of([replace(piece, pose=Pose.identity())], overshoot, link=link)
-        fine = replace(fine, centre=piece.pose.apply(fine.centre))
+        fine = _fine(piece, overshoot, link)
         apart = np.linalg.norm(fine.centre[:, None] - cover.centre[gone][near], axis=2)
         needed = np.any(apart < fine.radius[:, None] + cover.radius[gone][near], axis=1)
         beside = np.linalg.norm(fine.centre[:, None] - kept.centre[fellows], axis=2)
@@ -122,6 +120,19 @@ def _refined(
         needed &= ~held  # those that stay hold it already
         parts.append(_part(fine, needed))
     return merge_covers(*parts)
+
+
+def _fine(piece: Piece, overshoot: float, link: int) -> SphereCover:
+    """Finer spheres of a whole piece; of a large one by cells, more of them, because the fewest take long to find."""
+    # covered in its own frame: the same numbers, and the same cover, wherever the fingers are
+    local = replace(piece, pose=Pose.identity())
+    if expected_count(piece, overshoot) <= _FEW:
+        cover = cover_of([local], overshoot, link=link)
+    else:
+        centres, radii = cover_by_cells(local, overshoot)
+        of, measured = np.full(len(radii), link), overshoots([local], centres, radii)
+        cover = SphereCover(of, centres, radii, "outer", measured, (piece.name,) * len(radii))
+    return replace(cover, centre=piece.pose.apply(cover.centre))
 
 
 def _part(cover: SphereCover, chosen: NDArray[np.bool_]) -> SphereCover:

@@ -31,8 +31,8 @@ from workcell.pose import Array
 
 CUTS = "ikspark+cuts"
 """The name of the fallback."""
-CUBOIDS_FIRST = 60
-"""Work among cuboids before the fallback's turn, in cone programs."""
+CUBOIDS_FIRST = 100
+"""Work among cuboids (or half of what the budget is worth) before the fallback's turn, in cone programs."""
 
 
 def solve_ikspark(
@@ -77,7 +77,8 @@ def solve_ikspark(
         if not has_spheres_and_obstacles(problem):
             return _restarted(search, proving, Unhindered(search, instance)) or search.no_answer()
         if cuboids:
-            among = AmongCuboids(search, instance, stack, most=CUBOIDS_FIRST if fallback else inf)
+            share = min(CUBOIDS_FIRST, 0.5 * search.most) if fallback else inf
+            among = AmongCuboids(search, instance, stack, most=share)
             found = _restarted(search, proving, among)
             if found is None and among.spare is not None and fallback:
                 return search.answer(among.spare, by="" if local else CUTS)

@@ -80,8 +80,9 @@ def _in_cuboids_alone(problem: IKProblem, seed: int) -> IKResult:
 def cell_row(name: str, results: Sequence[IKResult], paper: Paper | None = None) -> Row:
     """A row of Table VI; means are over all cells, errors over those solved. None: the method has no such figure.
 
-    `in_cuboids` is the share answered with every sphere in a region of free space, `cuboids` how many regions those
-    cells have. The recipe builds before it solves; what the solver spends on regions as it goes along is its building.
+    `in_cuboids` is the share answered with every sphere in a region of free space, `in_given` in one of those that the
+    problem brings, `cuboids` how many regions those cells have. The recipe builds before it solves; what the solver
+    spends on regions as it goes along is its building.
     """
     build, cuboids = [_building(result) for result in results], [_regions(result) for result in results]
     spent = [float(result.stats["cpu_s"]) for result in results]
@@ -90,6 +91,7 @@ def cell_row(name: str, results: Sequence[IKResult], paper: Paper | None = None)
     columns = {
         "built": _mean([_counted(result, "built") for result in results]),
         "in_cuboids": None if None in build else float(np.mean([_is_in_cuboids(r) for r in results])),
+        "in_given": _mean([_counted(result, "in_given") or 0.0 for result in results]) or None,
         "cuboids": _mean(cuboids),
         "programs": _mean([_counted(result, "sdps") for result in results]),
         "build_ms": _mean([None if b is None else 1e3 * b for b in build]),

@@ -45,9 +45,10 @@ def solve_by_recipe(problem: IKProblem, seed: int, *, pruned: bool = True) -> IK
                 starts, programs = starts + 1, programs + ascent.programs
                 result = judged(problem, instance, ascent, {})
     stats |= {"ikspark.sdps": float(programs), "ikspark.restarts": float(starts)}
-    spent = {"cpu_s": clock.cpu_seconds() - began}
+    stats["cpu_s"] = clock.cpu_seconds() - began
     held = _cuboids_of(problem, result, built.free_space)
-    return replace(result, stats={**stats, **spent}, free_space=built.free_space, cuboids=held)
+    stats["ikspark.in_given"] = float(held is not None and problem.free_space is not None)
+    return replace(result, stats=stats, free_space=built.free_space, cuboids=held)
 
 
 def _built(problem: IKProblem, seed: int, pruned: bool) -> Building:

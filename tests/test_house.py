@@ -1,6 +1,7 @@
 """The house rules: folders are small, tests stand beside what they test, docstrings begin with one short line."""
 
 import ast
+import subprocess
 from collections import Counter
 from pathlib import Path
 
@@ -13,6 +14,20 @@ ALIKE = 3
 """Files of a folder that may not share the first word of their names: they are a folder of that name."""
 OF_THE_TESTS_ALONE = {"assets", "whole_tasks"}
 """Folders of tests of what lies outside the package."""
+AT_THE_TOP = {
+    *(
+        ".ci",
+        ".gitignore",
+        "CHANGELOG.md",
+        "CONTRIBUTING.md",
+        "LICENSE",
+        "README.md",
+        "assets",
+        "docs",
+        "examples",
+    ),
+    *("pyproject.toml", "tasks", "tests", "workcell"),
+}
 
 PACKAGE = sorted({file.parent for file in (ROOT / "workcell").rglob("*.py")})
 TESTS = sorted({file.parent for file in (ROOT / "tests").rglob("*.py")})
@@ -83,3 +98,12 @@ def test_docstrings_begin_with_one_short_line():
 def test_a_long_first_line_is_found():
     text = f'def long():\n    """{"a" * 111}"""\n\n\ndef short():\n    """{"a" * 110}"""\n'
     assert first_lines_too_long(text) == [("long", 2)]
+
+
+def test_nothing_strays_at_the_top():
+    try:
+        command = ["git", "-C", str(ROOT), "ls-files", "-z"]
+        listed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("not a git checkout")
+    assert {name.partition("/")[0] for name in listed.split("\0") if name} <= AT_THE_TOP

@@ -186,6 +186,8 @@ class IKProblem:
         tool_pose: where the compiled model has the tool at a configuration, for `verify`, which then asks both it and
             its own kinematics; None: its own alone.
         q_reference: a configuration to stay near, and from which `max_step` is measured; None: anywhere.
+        q_towards: a configuration that the convex solvers head for, among all that solve the problem; None:
+            `q_reference`, where there is one.
         q_near: where the robot stands: of configurations that differ by whole turns, answers are the nearest to it that
             the limits allow; no solver begins there. None: to `q_reference`, where there is one.
         max_step: largest change of each joint against `q_reference` (scalar or (n,)), radians; None: no bound.
@@ -211,6 +213,7 @@ class IKProblem:
     checker: CollisionChecker | Callable[[Array], Clearance] | None = None
     tool_pose: Callable[[Array], Pose] | None = None
     q_reference: Array | None = None
+    q_towards: Array | None = None
     q_near: Array | None = None
     max_step: Array | float | None = None
     max_link_rotation: float | None = None
@@ -243,7 +246,7 @@ class IKProblem:
                 where="robot",
                 remedy="choose a tool on the last link, or pass robot.chain(tool), the joints up to the tool",
             )
-        for name in ("q_reference", "q_near"):
+        for name in ("q_reference", "q_towards", "q_near"):
             if (given := getattr(self, name)) is not None:
                 object.__setattr__(self, name, read_only(self.robot.configuration(given, where=name)))
         if self.max_step is not None:
@@ -261,6 +264,11 @@ class IKProblem:
                     f"max_link_rotation must be positive, not {self.max_link_rotation}",
                     where="max_link_rotation",
                 )
+
+    @property
+    def q_ahead(self) -> Array | None:
+        """(n,) where the convex solvers begin: `q_towards`, or `q_reference`; None: anywhere."""
+        return self.q_reference if self.q_towards is None else self.q_towards
 
     def _check_pairs(self) -> None:
         if self.self_collision is None:

@@ -144,7 +144,7 @@ class _Run:
                 self.deadline,
                 self._most_of(tangent) - before.stats.get("sdps", 0.0),
                 np.random.default_rng(self.seed),
-                problem.q_reference,
+                problem.q_ahead,
                 self.local,
                 STEP_PROGRAMS if problem.max_step is not None else SPHERES_FIRST,
             )

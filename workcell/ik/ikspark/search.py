@@ -100,8 +100,8 @@ class Search:
     def direction(self, lift: Lift) -> Array:
         """Where the next restart ascends: the reference's own lift first, then random directions."""
         first, self._fresh = self._fresh, False
-        if first and self.problem.q_reference is not None:
-            return lift.lift(self.problem.q_reference)
+        if first and self.problem.q_ahead is not None:
+            return lift.lift(self.problem.q_ahead)
         return self._rng.standard_normal(lift.size)
 
     def attempt(self, convex: ConvexSet, direction: Array, where: str = "") -> Reached:

@@ -57,6 +57,12 @@ __all__ = [
     "steps_of",
 ]
 
+DRIFT = 0.25
+"""The share of the largest step by which a configuration is let drift beside what the poses ask for."""
+SETTLED = 1e-4
+"""Radians (or metres) from a known configuration at which the drift has come there."""
+SETTLING = 0.98
+"""The share of the distance to it that a step at the last pose leaves, at most, where another one follows."""
 _FINAL = (FollowStatus.UNREACHABLE, FollowStatus.BLOCKED, FollowStatus.BLOCKED_IN_MODEL)
 """What is true of a pose however near the one before it is."""
 
@@ -71,6 +77,7 @@ def follow(
     extent: SphereCover | None = None,
     solver: Solver | None = None,
     proposed: Array | None = None,
+    towards: Array | None = None,
 ) -> FollowResult:
     """Track the poses with the tool, from a configuration that already has it at the first of them.
 
@@ -84,6 +91,9 @@ def follow(
             template's cover. Without either, or without a checker, no clearance is checked between waypoints.
         solver: answers one IK problem; None: IKSPARK through `workcell.ik.solve.solve`. See also `steps_of`.
         proposed: (k, n) configurations that may do for the first k poses; None: there are none.
+        towards: (n,) what the configurations drift to, as far as the poses leave them free and `DRIFT` lets them, and
+            go on drifting to at the last pose, when the steps are a convex solver's; None: they stay near to those
+            before them.
 
     Raises:
         InputError: fewer than two poses, or a start that is not at the first pose.
@@ -94,7 +104,7 @@ def follow(
         answer = Tolerant(answer, allowed)
     poses = check_tool_path(tool_poses)
     waypoints = zip_longest(poses, () if proposed is None else proposed[: len(poses)])
-    tracker = _Tracker(template, limits or FollowLimits(), extent or template.cover, answer, allowed)
+    tracker = _Tracker(template, limits or FollowLimits(), extent or template.cover, answer, allowed, towards)
     return tracker.run(list(starmap(_Waypoint, waypoints)), np.asarray(q_start, dtype=float))
 
 
@@ -125,6 +135,7 @@ class _Tracker:
     extent: SphereCover | None
     solver: Steps
     tolerance: PathTolerance
+    towards: Array | None = None
     configurations: list[Array] = field(default_factory=list)
     poses: list[Pose] = field(default_factory=list)
     reached: list[Pose] = field(default_factory=list)
@@ -143,6 +154,8 @@ class _Tracker:
         for i, waypoint in enumerate(waypoints[1:], start=1):
             try:
                 self._advance(waypoint, self.limits.max_halvings)
+                if i == len(waypoints) - 1:
+                    self._settle(waypoint.pose)
             except StepError as error:
                 status = error.status
                 done = (i - 1) / (len(waypoints) - 1)
@@ -183,6 +196,17 @@ class _Tracker:
         elif reason is not None:
             raise reason
 
+    def _settle(self, pose: Pose) -> None:
+        """At the last pose, go on to the known configuration, for as long as that gets nearer by as much as it may."""
+        if self.towards is None:
+            return
+        left = float(np.abs(self.configurations[-1] - self.towards).max())
+        while left > SETTLED:
+            self._advance(_Waypoint(pose), 0)
+            before, left = left, float(np.abs(self.configurations[-1] - self.towards).max())
+            if left > SETTLING * before:
+                return
+
     def _why_no_step(self, waypoint: _Waypoint, q_previous: Array, halvings: int, too_far: bool) -> StepError:
         """Why a pose was not reached: asked once for a given pose, and where the distance can't be halved further."""
         pose = waypoint.pose
@@ -201,6 +225,9 @@ class _Tracker:
             max_step=self.limits.max_step,
             max_link_rotation=self.limits.max_link_rotation,
         )
+        if self.towards is not None:
+            far = DRIFT * self.limits.max_step
+            step = replace(step, q_towards=q_previous + np.clip(self.towards - q_previous, -far, far))
         result = self.solver(step, waypoint.proposed)
         if result.free_space is not None and step.grow is not None:
             # what this step had to add, the next ones begin with

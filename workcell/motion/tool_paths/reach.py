@@ -2,8 +2,9 @@
 
 A tool path that is followed from one given configuration may run into a joint limit half-way (continuity leaves no
 second choice). Then the goal's inverse kinematics is solved again, with other seeds; each solution is followed
-backwards out along the path, and the place where it comes out is connected to the start by a collision-free joint
-motion. Where several tool paths would do, such as one for each grasp that an object allows, one that needs no such
+backwards out along the path: by a convex planner all the way to where the robot stands, if the motion comes out in that
+very configuration; else the place where it leaves the path is connected to the start by a collision-free joint motion.
+Where several tool paths would do, such as one for each grasp that an object allows, one that needs no such
 detour comes first. Where a goal configuration is known already, the path ends in it.
 """
 
@@ -24,6 +25,7 @@ from workcell.motion.path import Path
 from workcell.motion.plans.in_scene import plan_in_world
 from workcell.motion.plans.result import PlanSettings
 from workcell.motion.tool_paths.follow import FollowLimits, follow, line
+from workcell.motion.tool_paths.homing import follow_to
 from workcell.motion.tool_paths.planners import steps_of
 from workcell.motion.tool_paths.result import Answered, FollowResult
 from workcell.pose import Array, Pose
@@ -177,7 +179,12 @@ class _Query:
         return ReachResult(None, "not found", _most_hopeful(answers), tuple(failures))
 
     def _by_way_of(self, q_goal: Array, q_start: Array, seed: int, goal: str) -> ReachResult:
-        """Out of the narrow way backwards from one goal configuration, then to the start in joint space."""
+        """From one goal configuration backwards: all the way to the start, or out and then on in joint space."""
+        if plans_alone(self.solver):
+            home = self._all_the_way_back(q_goal, q_start)
+            if home.path is not None and home.followed:
+                how = f"from {goal} back to the start"
+                return ReachResult(home.path.reversed(), how, None, (), home, home.answered)
         back, why = self._followed(self.inward[::-1], q_goal, self.limits)
         if why or back.path is None:
             return ReachResult(None, "not found", None, (f"{goal}: {why}",))
@@ -197,6 +204,25 @@ class _Query:
         how = f"by way of {goal}, before it a joint motion by the sampling planner"
         return ReachResult(path, how, None, (), back, back.answered)
 
+    def _all_the_way_back(self, q_goal: Array, q_start: Array) -> FollowResult:
+        """A convex planner's steps from a goal configuration out of the narrow way, and straight to the start."""
+        out = line(self.inward[0], self.world.robot.robot.fk(q_start))
+        poses = (*self.inward[::-1], *out[1:])
+        limits = replace(self.limits, max_halvings=min(self.limits.max_halvings, _DIRECT_HALVINGS))
+        problem = self.world.problem(poses[0])
+        steps = steps_of(self.solver, problem, limits=limits, budget=_DIRECT_BUDGET, seed=self.seed)
+        result = follow_to(problem, poses, q_goal, q_start, limits, steps)
+        if result.path is None or self._tilts(result.path):
+            return replace(result, path=None)
+        return result
+
+    def _tilts(self, path: Path) -> str:
+        """Why a path tilts the tool too far; empty: it doesn't."""
+        tilt = 0.0 if self.upright is None else self._tilt(path, self.upright)
+        if self.upright is None or tilt <= self.upright.angle:
+            return ""
+        return f"the tool would tilt by {tilt:.3f} rad, and may by {self.upright.angle:.3f}"
+
     def _followed(
         self, poses: tuple[Pose, ...], q_start: Array, limits: FollowLimits, budget: Budget | None = None
     ) -> tuple[FollowResult, str]:
@@ -207,10 +233,7 @@ class _Query:
         if result.path is None or not result.followed:
             where = "" if result.failure is None else f" ({result.failure.words})"
             return result, f"{result.status.sentence}{where}"
-        tilt = 0.0 if self.upright is None else self._tilt(result.path, self.upright)
-        if self.upright is not None and tilt > self.upright.angle:
-            return result, f"the tool would tilt by {tilt:.3f} rad, and may by {self.upright.angle:.3f}"
-        return result, ""
+        return result, self._tilts(result.path)
 
     def _tilt(self, path: Path, upright: Upright) -> float:
         """The largest tilt of the tool along a path whose waypoints are close."""

@@ -1,0 +1,1 @@
+"""Mechanisms: every joint of a compiled model, whatever its kind, and what ties them: trees, loops, couplings."""

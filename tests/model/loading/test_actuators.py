@@ -4,6 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from workcell.model.loading.actuators import actuated_joints
 from workcell.model.loading.compiled import robot_from_model
 
 MODEL = """
@@ -38,3 +39,14 @@ def test_the_weaker_side_counts_and_a_servo_s_range_is_no_torque():
     assert robot_from_model(mujoco.MjModel.from_xml_string(one_sided)).effort[0] == 30.0
     servo = MODEL.format(joint="", actuator='<position joint="j" kp="100" ctrlrange="-3 3"/>')
     assert np.isinf(robot_from_model(mujoco.MjModel.from_xml_string(servo)).effort[0])
+
+
+def test_joints_that_motors_and_tendons_drive_are_known_by_id():
+    text = """<mujoco><worldbody>
+        <body><joint name="a"/><geom size=".1"/><body pos="1 0 0"><joint name="b"/><geom size=".1"/>
+        <body pos="1 0 0"><joint name="c" type="slide"/><geom size=".1"/>
+        <body pos="1 0 0"><joint name="d"/><geom size=".1"/></body></body></body></body></worldbody>
+        <tendon><fixed name="t"><joint joint="b" coef="1"/><joint joint="c" coef="1"/></fixed></tendon>
+        <actuator><motor joint="a"/><motor tendon="t"/></actuator></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(text)
+    assert actuated_joints(model) == {model.joint(name).id for name in "abc"}

@@ -30,7 +30,7 @@ def actuated_joints(model: mujoco.MjModel) -> set[int]:
 
     found: set[int] = set()
     for actuator in range(model.nu):
-        kind, target = model.actuator_trntype[actuator], int(model.actuator_trnid[actuator, 0])
+        kind, target = int(model.actuator_trntype[actuator]), int(model.actuator_trnid[actuator, 0])
         if kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
             found.add(target)
         elif kind == mujoco.mjtTrn.mjTRN_TENDON:

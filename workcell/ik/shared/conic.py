@@ -1,8 +1,9 @@
 """A thin layer over Clarabel: cone programs whose pattern is fixed and whose numbers change from solve to solve.
 
 The form is Clarabel's: minimise q.x subject to A x + s = b, s in K, with K a product of {0}, a nonnegative
-orthant, second-order cones and PSD triangles, in this order. A PSD triangle holds the upper triangle stacked by
-columns with off-diagonal entries times sqrt(2) (`svec`), so that inner products of matrices are those of vectors.
+orthant, second-order cones, PSD triangles, exponential and power cones, in this order. A PSD triangle holds the upper
+triangle stacked by columns with off-diagonal entries times sqrt(2) (`svec`), so that inner products of matrices are
+those of vectors.
 """
 
 from __future__ import annotations
@@ -36,20 +37,33 @@ class Cones:
         nonneg: number of rows with s >= 0.
         soc: dimensions of the second-order cones {(t, v): |v| <= t}.
         psd: orders of the PSD triangles.
+        exponential: number of exponential cones, the closure of {(u, v, w): v exp(u / v) <= w, v > 0}.
+        power: exponents a of the power cones {(u, v, w): u^a v^(1 - a) >= |w|, u, v >= 0}.
     """
 
     zero: int
     nonneg: int
     soc: tuple[int, ...] = ()
     psd: tuple[int, ...] = ()
+    exponential: int = 0
+    power: tuple[float, ...] = ()
 
     @property
     def rows(self) -> int:
         """Number of rows of A."""
-        return self.zero + self.nonneg + sum(self.soc) + sum(n * (n + 1) // 2 for n in self.psd)
+        return self.zero + self.nonneg + sum(self.beyond)
+
+    @property
+    def beyond(self) -> tuple[int, ...]:
+        """Rows of each cone behind those of single rows."""
+        triangles = tuple(n * (n + 1) // 2 for n in self.psd)
+        return self.soc + triangles + (3,) * (self.exponential + len(self.power))
 
     def project_dual(self, z: Array) -> Array:
-        """The point of the dual cone K* nearest to `z` (rows,): equality rows are free, all else is self-dual."""
+        """The point of the dual cone K* nearest to `z` (rows,): equality rows are free, all else is self-dual.
+
+        But for exponential and power cones, whose part is replaced by zero: no proof of ours rests on one.
+        """
         out = np.array(z, dtype=float)
         at = self.zero
         out[at : at + self.nonneg] = np.maximum(out[at : at + self.nonneg], 0.0)
@@ -62,6 +76,7 @@ class Cones:
             values, vectors = np.linalg.eigh(smat(out[at : at + size], order))
             out[at : at + size] = svec((vectors * np.maximum(values, 0.0)) @ vectors.T)
             at += size
+        out[at:] = 0.0
         return out
 
 
@@ -143,6 +158,8 @@ class ConicSolver:
         blocks += [clarabel.NonnegativeConeT(cones.nonneg)] if cones.nonneg else []
         blocks += [clarabel.SecondOrderConeT(size) for size in cones.soc]
         blocks += [clarabel.PSDTriangleConeT(order) for order in cones.psd]
+        blocks += [clarabel.ExponentialConeT()] * cones.exponential
+        blocks += [clarabel.PowerConeT(exponent) for exponent in cones.power]
         self.cones = cones
         self.solves = 0
         self._solver = clarabel.DefaultSolver(

@@ -1,0 +1,1 @@
+"""IKSPARK for whole mechanisms: hinges, slides, balls and floating bodies, trees and closed loops."""

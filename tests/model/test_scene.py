@@ -222,6 +222,18 @@ def test_two_robots_in_one_cell_file_are_refused(tmp_path):
         Scene.load(cell_with(tmp_path, masts, ["left_turn", "right_turn"]))
 
 
+LEG = """
+<body name="leg" pos="0 1 0"><joint name="ball" type="ball"/><geom size=".1"/>
+  <body><joint name="slide" type="slide"/><geom size=".1"/><site name="end"/></body>
+</body>"""
+
+
+def test_drives_that_hang_on_ball_joints_are_no_robot_beside_one_or_alone(tmp_path):
+    assert not Scene.load(cell_with(tmp_path, [LEG], ["slide"])).robots
+    mast = MAST.format(name="mast", x=0)
+    assert list(Scene.load(cell_with(tmp_path, [LEG, mast], ["slide", "mast_turn"])).robots) == ["mast"]
+
+
 THING = '<mujoco><worldbody><body{name}>{joint}<geom size=".05" pos=".1 0 0"/></body></worldbody></mujoco>'
 PLACES = """
 <mujoco><worldbody><site name="robot_mount"/>

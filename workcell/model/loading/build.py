@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -120,6 +120,8 @@ def _take_home(spec: mujoco.MjSpec, where: str) -> dict[str, float]:
 def robots_inside(spec: mujoco.MjSpec, task: TaskFile) -> tuple[TaskFile, dict[str, Mounted]]:
     """A cell file that holds its robot: of the bodies with actuated joints that with a site `tool`; doors have none.
 
+    Parallel robots, whose drives hang on ball joints, are none of these: they are mechanisms.
+
     Raises:
         ModelError: several robots.
     """
@@ -137,11 +139,26 @@ def robots_inside(spec: mujoco.MjSpec, task: TaskFile) -> tuple[TaskFile, dict[s
             where=task.path,
             remedy="leave one, or give each a file of its own and put them together in a task file",
         )
-    found = named or [root for root, inside in zip(driven, sites, strict=True) if inside] or driven
+    serial = [root for root in driven if _has_serial_drive(root, moving)]
+    with_sites = [root for root, inside in zip(driven, sites, strict=True) if inside and root in serial]
+    found = named or with_sites or serial
     if not found:
         return task, {}
     root = found[0]
     return replace(task, robots=(RobotEntry(root.name, ""),)), {root.name: Mounted((root,))}
+
+
+def _has_serial_drive(root: mujoco.MjsBody, driven: Collection[str]) -> bool:
+    """Whether a driven joint of a body, or below it, hangs on hinges and slides alone."""
+    import mujoco
+
+    single = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+    joints = list(root.joints)
+    if any(joint.type not in single for joint in joints):
+        return False
+    return any(joint.name in driven for joint in joints) or any(
+        _has_serial_drive(body, driven) for body in root.bodies
+    )
 
 
 def add_grasp_welds(

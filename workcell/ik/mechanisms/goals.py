@@ -1,4 +1,4 @@
-"""What frames of a mechanism are asked for: poses, parts of poses, cones of directions, convex regions, contacts."""
+"""What frames of a mechanism are asked for: poses, parts of poses, cones, convex regions, contacts."""
 
 from __future__ import annotations
 

@@ -29,6 +29,7 @@ class Element:
         multiples: (len(joints),) of a tendon's: the sum of multiples of joints that must be `total`.
         total: what the sum must be.
         unsupported: why its demands can't be looked at, in words; empty where they can.
+        id: of the equality constraint in the compiled model.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Element:
     multiples: Array | None = None
     total: float = 0.0
     unsupported: str = ""
+    id: int = -1
 
     @property
     def rows(self) -> int:
@@ -59,7 +61,7 @@ def loop_elements(model: mujoco.MjModel) -> tuple[Element, ...]:
             found.append(_of_tendons(model, int(equality)))
         elif kind != kinds.mjEQ_JOINT:
             name = _name(model, int(equality), mujoco.mjtEq(kind).name.removeprefix("mjEQ_").lower(), ())
-            found.append(Element(name, (), unsupported="deformable bodies"))
+            found.append(Element(name, (), unsupported="deformable bodies", id=int(equality)))
     return tuple(found)
 
 
@@ -116,7 +118,7 @@ def _of_bodies(model: mujoco.MjModel, equality: int, weld: bool) -> Element:
     above = [set(joints_to(model, body)) for body in (one, two)]
     joints = tuple(sorted(above[0] ^ above[1]))
     name = _name(model, equality, "weld" if weld else "connect", (_body(model, one), _body(model, two)))
-    return Element(name, joints, (one, two), points)
+    return Element(name, joints, (one, two), points, id=equality)
 
 
 def _body(model: mujoco.MjModel, body: int) -> str:
@@ -158,15 +160,17 @@ def _of_tendons(model: mujoco.MjModel, equality: int) -> Element:
             sums[joint] = sums.get(joint, 0.0) + sign * multiple
     listed = tuple(sorted({*sums, *through}))
     if through:
-        return Element(name, listed, unsupported="tendons through space")
+        return Element(name, listed, unsupported="tendons through space", id=equality)
     if len(tendons) > 1 and np.any(polynomial[2:]):
-        return Element(name, listed, unsupported="tendons that follow each other by more than a multiple")
+        return Element(
+            name, listed, unsupported="tendons that follow each other by more than a multiple", id=equality
+        )
     lengths = [float(model.tendon_length0[tendon]) for tendon in tendons]
     total = (
         lengths[0] + float(polynomial[0]) - (float(polynomial[1]) * lengths[1] if len(lengths) > 1 else 0.0)
     )
     multiples = np.array([sums[joint] for joint in listed])
-    return Element(name, listed, multiples=multiples, total=total)
+    return Element(name, listed, multiples=multiples, total=total, id=equality)
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,7 @@ def closure_of(element: Element, link_of_body: Sequence[int], T_link_body: Seque
         "weld" if element.points.shape[1] == 3 else "connect",
         links,
         (frames[0], frames[1]),
+        element.id,
     )
 
 

@@ -146,7 +146,9 @@ class Frame:
 
 @dataclass(frozen=True)
 class Mechanism:
-    """A kinematic graph. Link 0 is the world; joint k moves link k + 1, and no joint comes before the one it hangs on.
+    """A kinematic graph. Link 0 is the world; joint k moves link k + 1.
+
+    No joint comes before the one it hangs on.
 
     Attributes:
         name: for messages.
@@ -156,6 +158,7 @@ class Mechanism:
         frames: by name.
         home: (size,) a configuration to begin at, as the model is assembled; it need not close the loops.
         compiled: where it lives in its compiled model, which is the truth about it; None: it comes from none.
+        notes: of ties that say what others say already and were left out, in words.
     """
 
     name: str
@@ -167,6 +170,7 @@ class Mechanism:
     frames: Mapping[str, Frame] = field(default_factory=dict)
     home: Array = field(default_factory=lambda: np.zeros(0))
     compiled: CompiledMechanism | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frames", MappingProxyType(dict(self.frames)))
@@ -185,6 +189,10 @@ class Mechanism:
                     where=self.name,
                     remedy="the lower limit, then the upper one",
                 )
+        if len(self.joint_index) != len(self.joints):
+            names = [joint.name for joint in self.joints]
+            twice = next(name for name in names if names.count(name) > 1)
+            raise ModelError(f"two joints are called {twice!r}", where=self.name)
         home = self.neutral if np.size(self.home) == 0 else self.configuration(self.home, where="home")
         object.__setattr__(self, "home", read_only(home))
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.polynomial import polynomial
 
 from workcell.model.mechanism.mechanism import Mechanism
-from workcell.pose import Array, axis_angle_to_matrix, quat_to_matrix, rotation_vector
+from workcell.model.mechanism.tables import Index, tables_of
+from workcell.pose import Array, quat_to_matrix, rotation_vector
 
 _TINY = 1e-12
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Placed:
     """All links of a mechanism in the world.
 
@@ -34,59 +36,61 @@ class Placed:
         placed: Array = local @ self.R[link].T + self.p[link]
         return placed
 
+    def points(self, links: Index, local: Array) -> Array:
+        """World places (m, 3) of points (m, 3), each of its own link (m,)."""
+        placed: Array = (self.R[links] @ local[..., None])[..., 0] + self.p[links]
+        return placed
+
     def columns(self, link: int, point: Array) -> tuple[Array, Array]:
         """How a world point (3,) of a link, and the link's rotation, move: (3, dof) each, in the world."""
-        mechanism = self.mechanism
-        linear, angular = np.zeros((3, mechanism.dof)), np.zeros((3, mechanism.dof))
-        for k in np.flatnonzero(mechanism.ancestors[link]):
-            joint, at = mechanism.joints[k], mechanism.rate_slices[k]
-            R = self.R[k + 1]
-            if joint.kind == "slide":
-                linear[:, at.start] = R @ joint.axis
-            elif joint.kind == "hinge":
-                axis = R @ joint.axis
-                linear[:, at.start] = np.cross(axis, point - self.p[k + 1])
-                angular[:, at.start] = axis
-            else:
-                turning = slice(at.stop - 3, at.stop)
-                linear[:, turning] = np.cross(R.T, point - self.p[k + 1]).T
-                angular[:, turning] = R
-                if joint.kind == "free":
-                    linear[:, at.start : at.start + 3] = np.eye(3)
-        return linear, angular
+        linear, angular = self.jacobians(np.array([link]), point[None])
+        return linear[0], angular[0]
+
+    def jacobians(self, links: Index, points: Array) -> tuple[Array, Array]:
+        """The same of world points (m, 3), each of its own link (m,): (m, 3, dof) each."""
+        linear, angular = self.screws
+        moves = tables_of(self.mechanism).moves[links][:, None, :]
+        return (np.cross(angular.T, points[:, None]).swapaxes(1, 2) + linear) * moves, angular * moves
+
+    @cached_property
+    def screws(self) -> tuple[Array, Array]:
+        """Velocities of the world's origin as a part of what moves, and angular ones, (3, dof) each."""
+        mechanism, tables = self.mechanism, tables_of(self.mechanism)
+        linear, angular = np.zeros((mechanism.dof, 3)), np.zeros((mechanism.dof, 3))
+        axes = (self.R[1:] @ tables.axis[..., None])[..., 0]
+        hinges, slides = tables.hinges, tables.slides
+        rate = np.array([at.start for at in mechanism.rate_slices])
+        angular[rate[hinges]], linear[rate[slides]] = axes[hinges], axes[slides]
+        for joint in tables.balls:
+            angular[rate[joint] : rate[joint] + 3] = self.R[joint + 1].T
+        for joint in tables.frees:
+            linear[rate[joint] : rate[joint] + 3] = np.eye(3)
+            angular[rate[joint] + 3 : rate[joint] + 6] = self.R[joint + 1].T
+        linear += np.cross(self.p[1:][tables.rate_joint], angular)
+        return linear.T, angular.T
 
 
 def place(mechanism: Mechanism, q: Array) -> Placed:
     """The links at a configuration (size,)."""
+    tables = tables_of(mechanism)
+    R_parent_child, p_parent_child = tables.local(q)
     R = np.empty((mechanism.link_count, 3, 3))
     p = np.empty((mechanism.link_count, 3))
     R[0], p[0] = np.eye(3), 0.0
-    for k, (joint, at) in enumerate(zip(mechanism.joints, mechanism.value_slices, strict=True)):
-        if joint.kind == "free":
-            p[k + 1], R[k + 1] = q[at.start : at.start + 3], quat_to_matrix(q[at.start + 3 : at.stop])
-            continue
-        above, T = R[joint.parent], joint.T_parent_joint
-        frame = above @ T.rotation
-        p[k + 1] = p[joint.parent] + above @ T.position
-        if joint.kind == "slide":
-            R[k + 1] = frame
-            p[k + 1] += float(q[at.start]) * (frame @ joint.axis)
-        elif joint.kind == "hinge":
-            R[k + 1] = frame @ axis_angle_to_matrix(joint.axis, float(q[at.start]))
-        else:
-            R[k + 1] = frame @ quat_to_matrix(q[at])
+    for k, parent in enumerate(tables.parents):
+        above = R[parent]
+        np.matmul(above, R_parent_child[k], out=R[k + 1])
+        np.add(above @ p_parent_child[k], p[parent], out=p[k + 1])
     return Placed(mechanism, q, R, p)
 
 
 def moved(mechanism: Mechanism, q: Array, tangent: Array) -> Array:
     """The configuration (size,) that a tangent (dof,) leads to in unit time."""
-    found = np.array(q, dtype=float)
-    for joint, at, rate in zip(mechanism.joints, mechanism.value_slices, mechanism.rate_slices, strict=True):
-        step = tangent[rate]
-        if joint.kind in ("hinge", "slide"):
-            found[at.start] += step[0]
-            continue
-        if joint.kind == "free":
+    tables, found = tables_of(mechanism), np.array(q, dtype=float)
+    found[tables.single_values] += tangent[tables.single_rates]
+    for joint in (*tables.balls, *tables.frees):
+        at, step = mechanism.value_slices[joint], tangent[mechanism.rate_slices[joint]]
+        if len(step) == 6:
             found[at.start : at.start + 3] += step[:3]
         found[at.stop - 4 : at.stop] = _turned(found[at.stop - 4 : at.stop], step[-3:])
     return found
@@ -94,12 +98,11 @@ def moved(mechanism: Mechanism, q: Array, tangent: Array) -> Array:
 
 def difference(mechanism: Mechanism, q: Array, other: Array) -> Array:
     """The tangent (dof,) that leads from a configuration to another in unit time."""
-    tangent = np.zeros(mechanism.dof)
-    for joint, at, rate in zip(mechanism.joints, mechanism.value_slices, mechanism.rate_slices, strict=True):
-        if joint.kind in ("hinge", "slide"):
-            tangent[rate.start] = other[at.start] - q[at.start]
-            continue
-        if joint.kind == "free":
+    tables, tangent = tables_of(mechanism), np.zeros(mechanism.dof)
+    tangent[tables.single_rates] = (other - q)[tables.single_values]
+    for joint in (*tables.balls, *tables.frees):
+        at, rate = mechanism.value_slices[joint], mechanism.rate_slices[joint]
+        if rate.stop - rate.start == 6:
             tangent[rate.start : rate.start + 3] = (other - q)[at.start : at.start + 3]
         R = quat_to_matrix(np.stack([q[at.stop - 4 : at.stop], other[at.stop - 4 : at.stop]]))
         tangent[rate.stop - 3 : rate.stop] = rotation_vector(R[0].T @ R[1])
@@ -121,20 +124,15 @@ def _turned(quat: Array, vector: Array) -> Array:
 def missed(placed: Placed) -> tuple[Array, Array]:
     """What all ties miss (r,), metres and radians, and how that changes (r, dof).
 
-    Rows in the order of closures (three of a connect, six of a weld), followers, and sums held at one number.
+    Rows in the order of closures (three of a connect, six of a weld), followers, and sums held at one number. The
+    rows of a weld's rotation are how its rotation vector changes where that is zero.
     """
     mechanism = placed.mechanism
     values, rows = [np.zeros(0)], [np.zeros((0, mechanism.dof))]
-    for closure in mechanism.closures:
-        (a, b), (F, G) = closure.links, closure.frames
-        one, two = placed.point(a, F.position), placed.point(b, G.position)
-        (linear_a, angular_a), (linear_b, angular_b) = placed.columns(a, one), placed.columns(b, two)
-        values.append(one - two)
-        rows.append(linear_a - linear_b)
-        if closure.kind == "weld":
-            A, B = placed.R[a] @ F.rotation, placed.R[b] @ G.rotation
-            values.append(rotation_vector(A @ B.T))
-            rows.append(angular_a - angular_b)
+    if mechanism.closures:
+        value, row = _missed_by_closures(placed)
+        values.append(value)
+        rows.append(row)
     for follower in mechanism.followers:
         value, row = _missed_by_follower(
             mechanism, follower.joint, follower.leader, follower.coefficients, placed.q
@@ -150,6 +148,28 @@ def missed(placed: Placed) -> tuple[Array, Array]:
                 row[0, mechanism.rate_slices[joint]] += multiple
             values.append(held)
             rows.append(row)
+    return np.concatenate(values), np.concatenate(rows)
+
+
+def _missed_by_closures(placed: Placed) -> tuple[Array, Array]:
+    closures = placed.mechanism.closures
+    links = np.array([closure.links for closure in closures])
+    local = np.array([[frame.position for frame in closure.frames] for closure in closures])
+    ends = [placed.points(links[:, side], local[:, side]) for side in (0, 1)]
+    moving = [placed.jacobians(links[:, side], ends[side]) for side in (0, 1)]
+    apart = ends[0] - ends[1]
+    linear, angular = (moving[0][part] - moving[1][part] for part in (0, 1))
+    values, rows = [], []
+    for k, closure in enumerate(closures):
+        values.append(apart[k])
+        rows.append(linear[k])
+        if closure.kind == "weld":
+            A, B = (
+                placed.R[link] @ frame.rotation
+                for link, frame in zip(closure.links, closure.frames, strict=True)
+            )
+            values.append(rotation_vector(A @ B.T))
+            rows.append(angular[k])
     return np.concatenate(values), np.concatenate(rows)
 
 

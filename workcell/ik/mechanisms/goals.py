@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.errors import InputError
 from workcell.pose import UNIT_TOLERANCE, Array, Pose, read_only
@@ -94,7 +95,7 @@ class InRegion:
     A: Array
     b: Array
     point: Array
-    equal: Array
+    equal: NDArray[np.bool_]
     name: str = "region"
 
     def __post_init__(self) -> None:

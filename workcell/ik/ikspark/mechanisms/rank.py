@@ -1,0 +1,76 @@
+"""Rank minimisation on a mechanism's relaxation: Algorithm 1 with Problem 3, from the end of a direction."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from workcell.ik.ikspark.mechanisms.lift import MechanismLift
+from workcell.ik.ikspark.mechanisms.program import Program
+from workcell.ik.ikspark.rank import LONGEST, RANK_GAP
+from workcell.ik.shared.convex import SLOW
+from workcell.pose import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One cone program of an ascent.
+
+    Attributes:
+        x: (N,) its point; None: the set is empty, or the solver failed.
+        gap: largest rank gap of its blocks, their traces less their largest eigenvalues, and of its discs.
+        left: sum of the gaps.
+        z: dual of the rows, a ray where the set was found empty.
+        empty: whether it was.
+    """
+
+    x: Array | None
+    gap: float = 1.0
+    left: float = np.inf
+    z: Array | None = None
+    empty: bool = False
+
+    @property
+    def rank_one(self) -> bool:
+        """Whether the point is a configuration."""
+        return self.x is not None and self.gap < RANK_GAP
+
+
+def linearise(lift: MechanismLift, x: Array) -> tuple[Array, Array]:
+    """Rank gaps (blocks,) at x (N,), and the gradient (N,) of the sum of largest eigenvalues and disc radii."""
+    form, gradient, gaps = lift.form, np.zeros(lift.size), []
+    if lift.full:
+        starts = np.array(list(lift.full.values()))
+        places = starts[:, None] + np.arange(form.size)
+        top, slopes = form.top(x[places])
+        gradient[places] = slopes
+        gaps.append(form.trace - top)
+    if lift.planar:
+        places = np.array(list(lift.planar.values()))[:, None] + np.arange(2)
+        radius = np.linalg.norm(x[places], axis=1)
+        gradient[places] = x[places] / np.maximum(radius, 1e-9)[:, None]
+        gaps.append(1.0 - radius)
+    return np.concatenate([np.zeros(0), *gaps]), gradient
+
+
+def ascend(
+    lift: MechanismLift, program: Program, direction: Array, *, most: int = LONGEST, slow: float = SLOW
+) -> Iterator[Step]:
+    """From the point farthest along a direction (N,) upwards; ends at rank 1, or when it is slow."""
+    before = np.inf
+    for count in range(most):
+        solution = program.solve(-direction)
+        if solution.status == "infeasible":
+            yield Step(None, z=solution.z, empty=True)
+            return
+        if not solution.usable:
+            yield Step(None)
+            return
+        gaps, direction = linearise(lift, solution.x)
+        step = Step(solution.x, float(gaps.max(initial=0.0)), float(gaps.sum()), solution.z)
+        yield step
+        if step.rank_one or (count > 0 and step.left > slow * before):
+            return
+        before = step.left

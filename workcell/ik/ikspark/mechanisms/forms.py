@@ -58,8 +58,7 @@ class Form:
 
     def second(self, x: Array) -> Array:
         """Second largest eigenvalues (k,) of blocks (k, size)."""
-        values: Array = np.linalg.eigvalsh(smat(x, self.order))[:, -2]
-        return values
+        return np.asarray(np.linalg.eigvalsh(smat(x, self.order))[:, -2], dtype=float)
 
 
 @lru_cache(maxsize=2)

@@ -7,20 +7,15 @@ shapes: trust the sign, not the depth.
 from __future__ import annotations
 
 import copy
-import functools
-import importlib
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError, ModelError
-from workcell.model.judge.contacts import deepest_contact
 from workcell.model.judge.distances import TOLERANCE, judge_model
+from workcell.model.judge.nearest import Distance, NearestPair, refuse_unmeasured
 from workcell.model.judge.pairs import colliding_pairs
-from workcell.model.judge.solids import SIGNED_FIELD
 from workcell.model.labels import bodies_called, geom_name
 from workcell.model.loops.elements import joined
 from workcell.model.passive_motion import PassivePairs
@@ -28,26 +23,8 @@ from workcell.model.scene import Scene
 from workcell.model.scene_parts import SceneObject, SceneRobot, place_holding
 from workcell.pose import Array, Pose, read_only
 
-if TYPE_CHECKING:
-    import mujoco
-
 _MISSED = 1e-3
 """Metres that stand for the distance where a robot's loops can't be closed."""
-
-
-@dataclass(frozen=True, slots=True)
-class Distance:
-    """A signed distance in metres, the two geoms' names, the nearest points (2, 3) in the world, and the geoms' ids.
-
-    Where no pair is within the limit of a search, the names are empty, the ids -1, and the distance is the limit. Where
-    there is no such configuration of the mechanism, `reason` says why, and the distance is negative.
-    """
-
-    distance: float
-    pair: tuple[str, str]
-    points: Array
-    geoms: tuple[int, int] = (-1, -1)
-    reason: str = ""
 
 
 class CollisionModel:
@@ -106,12 +83,8 @@ class CollisionModel:
         intended = {frozenset(pair) for pair in allowed_geoms}
         kept = [frozenset((int(a), int(b))) not in intended for a, b in self._pairs]
         self._pairs = self._pairs[np.array(kept, dtype=bool)]
-        _refuse_unmeasured(self._model, np.unique(self._pairs).tolist())
-        self._pad = scene.model.geom_rbound.copy()
-        self._pad[self._pad == 0.0] = np.inf
-        self._boxes = scene.model.geom_aabb.copy()
-        self._boxes[np.isinf(self._pad), 3:] = np.inf
-        self._fromto = np.zeros(6)
+        refuse_unmeasured(self._model, np.unique(self._pairs).tolist())
+        self._search = NearestPair(self._judge)
         self._look_at(self._pairs)
 
     def ignoring(self, bodies: Iterable[int], geoms: Iterable[int] = ()) -> CollisionModel:
@@ -204,22 +177,9 @@ class CollisionModel:
 
     def distance_at(self, qpos: ArrayLike, *, limit: float = 10.0) -> Distance:
         """The same at raw positions (nq,)."""
-        data, model = self._data, self._model
-        data.qpos[:] = qpos
-        self._mujoco.mj_kinematics(model, data)
-        best, nearest, points = limit, (-1, -1), np.zeros((2, 3))
-        if len(self._pairs) == 0:
-            return Distance(limit, ("", ""), points)
-        near, bounds = self._lower_bounds(limit, 0.0)
-        for k in np.argsort(bounds):
-            if bounds[k] >= best:
-                break
-            a, b = (int(g) for g in self._pairs[near[k]])
-            distance = self._judge.distance(data, a, b, max(best, 0.0), self._fromto)
-            if distance < best:
-                best, nearest = distance, (a, b)
-                points = self._fromto.reshape(2, 3).copy()
-        return Distance(float(best), self._names(nearest), points, nearest)
+        self._data.qpos[:] = qpos
+        self._mujoco.mj_kinematics(self._model, self._data)
+        return self._search(self._data, self._pairs, limit)
 
     def contact(self, q: ArrayLike) -> Distance | None:
         """What MuJoCo's own collision pipeline has in contact at `q` (n,), deeper than `tolerance`; None: nothing.
@@ -228,8 +188,7 @@ class CollisionModel:
         """
         self._data.qpos[:] = self.full_qpos(q)
         self._mujoco.mj_kinematics(self._model, self._data)
-        found = deepest_contact(self._judge, self._data, self._pairs)
-        return None if found is None else Distance(found[0], self._names(found[1]), found[2], found[1])
+        return self._search.contact(self._data, self._pairs)
 
     def torn(self, q_a: ArrayLike, q_b: ArrayLike) -> str:
         """Why passive loops can't go along on the straight line between two configurations; empty where they can."""
@@ -269,26 +228,9 @@ class CollisionModel:
 
     def excess_at(self, qpos: ArrayLike, motion: Array, *, limit: float = 10.0) -> tuple[float, Distance]:
         """The same at raw positions (nq,), where each pair of geoms may come closer by `motion` (p,) metres."""
-        data, model = self._data, self._model
-        data.qpos[:] = qpos
-        self._mujoco.mj_kinematics(model, data)
-        least, nearest, distance, points = limit, (-1, -1), limit, np.zeros((2, 3))
-        if len(self._pairs) == 0:
-            return least, Distance(distance, ("", ""), points)
-        near, bounds = self._lower_bounds(limit, motion)
-        for k in np.argsort(bounds):
-            if bounds[k] >= least:
-                break
-            (a, b), lost = (int(g) for g in self._pairs[near[k]]), float(motion[near[k]])
-            found = self._judge.distance(data, a, b, max(least + lost, 0.0), self._fromto)
-            if found - lost < least:
-                least, nearest, distance = found - lost, (a, b), found
-                points = self._fromto.reshape(2, 3).copy()
-        return float(least), Distance(float(distance), self._names(nearest), points, nearest)
-
-    def _names(self, pair: tuple[int, int]) -> tuple[str, str]:
-        first, second = pair
-        return (geom_name(self._model, first), geom_name(self._model, second)) if first >= 0 else ("", "")
+        self._data.qpos[:] = qpos
+        self._mujoco.mj_kinematics(self._model, self._data)
+        return self._search.excess(self._data, self._pairs, motion, limit)
 
     def _links(self) -> NDArray[np.int64]:
         """(g,) for each geom of the model the link that carries it; 0 for what stands in the world."""
@@ -299,43 +241,6 @@ class CollisionModel:
             owner[list(self._attached.body_ids)] = self.robot.robot.tool().link
         links: NDArray[np.int64] = owner[self._model.geom_bodyid]
         return links
-
-    def _lower_bounds(self, limit: float, motion: Array | float) -> tuple[NDArray[np.int64], Array]:
-        """The pairs that may have the smallest distance less motion, and lower bounds of it.
-
-        They come from bounding spheres and boxes. Two bounding spheres give a bound that holds for overlapping geoms
-        too; planes have none. The distance between one geom's bounding sphere and the other's bounding box is often
-        larger (a board's sphere is huge); it counts where it is positive. The distance of two centres, which lie
-        inside their convex geoms, is an upper bound.
-
-        Args:
-            limit: metres; larger values are of no interest.
-            motion: (p,) metres to subtract from the distance of each pair, or 0.
-
-        Returns:
-            (k,) rows of the pairs and (k,) bounds.
-        """
-        data, count = self._data, len(self._pairs)
-        rows, bounds = np.empty(count, dtype=np.int64), np.empty(count)
-        moved = np.full(count, motion) if np.ndim(motion) == 0 else np.ascontiguousarray(motion)
-        near = _kernels().lower_bounds(
-            data.geom_xpos,
-            data.geom_xmat,
-            self._pad,
-            self._boxes,
-            self._pairs,
-            moved,
-            float(limit),
-            rows,
-            bounds,
-        )
-        return rows[:near], bounds[:near]
-
-
-@functools.cache
-def _kernels() -> Any:
-    """Compiled kernels, imported on first use: numba takes half a second."""
-    return importlib.import_module("workcell.model.pair_bounds")
 
 
 def _colliding_pairs(
@@ -369,19 +274,6 @@ def _refuse_loops(robot: SceneRobot) -> None:
             where=f"robot {robot.name!r}",
             remedy="workcell closes loops of passive joints, which leave the driven ones free; leave the others out",
         )
-
-
-def _refuse_unmeasured(model: mujoco.MjModel, geoms: Iterable[int]) -> None:
-    """Raise ModelError for what has no distance that can be trusted, of these geoms."""
-    for geom in geoms:
-        if model.geom_type[geom] == SIGNED_FIELD:
-            raise ModelError(
-                "distances to a geom of type sdf can't be trusted",
-                where=geom_name(model, geom),
-                remedy="use box, sphere, capsule, cylinder, ellipsoid, plane, mesh or hfield",
-            )
-    if model.nflex:
-        raise ModelError("deformable bodies (flex) are not supported as obstacles", where=model.flex(0).name)
 
 
 def _is_grip(a: int, b: int, attached: SceneObject, carriers: frozenset[int]) -> bool:

@@ -1,6 +1,6 @@
 """Which pairs of geoms may be the nearest, by bounding spheres and boxes: compiled.
 
-See `workcell.model.collision_model`.
+See `workcell.model.judge.nearest`.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from workcell.model.collision_model import Distance
+from workcell.model.judge.nearest import Distance
 from workcell.pose import Array
 from workcell.simulate.execution import ContactEvent, Event, Execution, Stop
 

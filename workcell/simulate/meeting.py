@@ -16,7 +16,8 @@ import numpy as np
 
 from workcell.errors import InputError
 from workcell.geometry.types import SphereCover
-from workcell.model.collision_model import CollisionModel, Distance
+from workcell.model.collision_model import CollisionModel
+from workcell.model.judge.nearest import Distance
 from workcell.model.passive_motion import PassiveMotion
 from workcell.model.scene import Scene
 from workcell.model.scene_parts import SceneObject, SceneRobot, data_at

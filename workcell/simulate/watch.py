@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from workcell.errors import UnknownNameError
-from workcell.model.collision_model import CollisionModel, Distance
+from workcell.model.collision_model import CollisionModel
 from workcell.model.judge.distances import judge_model
+from workcell.model.judge.nearest import Distance
 from workcell.model.scene import Scene
 from workcell.model.scene_parts import SceneObject, SceneRobot
 from workcell.pose import Array, Pose

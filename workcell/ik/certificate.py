@@ -154,17 +154,17 @@ def problem_hash(problem: IKProblem) -> str:
 
 def _digest(problem: IKProblem) -> str:
     robot, cover = problem.robot, problem.cover
-    digest = hashlib.sha256(_ROBOTS.get((robot,), lambda: _bytes(_of_robot(robot))))
-    digest.update(_bytes([*_pose(problem.target), "obstacles"]))
-    digest.update(_bytes(item for piece in problem.obstacles for item in _of_piece(piece)))
+    digest = hashlib.sha256(_ROBOTS.get((robot,), lambda: as_bytes(_of_robot(robot))))
+    digest.update(as_bytes([*_pose(problem.target), "obstacles"]))
+    digest.update(as_bytes(item for piece in problem.obstacles for item in _of_piece(piece)))
     if cover is not None:
         parts = ("cover", cover.link, cover.centre, cover.radius)
-        digest.update(_COVERS.get((cover,), lambda: _bytes(parts)))
-    digest.update(_bytes(_of_bounds(problem)))
+        digest.update(_COVERS.get((cover,), lambda: as_bytes(parts)))
+    digest.update(as_bytes(_of_bounds(problem)))
     return digest.hexdigest()
 
 
-def _bytes(items: Iterable[Any]) -> bytes:
+def as_bytes(items: Iterable[Any]) -> bytes:
     """Texts and arrays, each with its kind and length, so that no two contents look the same."""
     parts = []
     for item in items:

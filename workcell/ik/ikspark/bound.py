@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.ik.claims.chain import Chain, quaternion_forms, skew
+from workcell.ik.claims.eigenvalue import largest_eigenvalue
 from workcell.pose import Array, Pose
 
 ROUNDING = 1e-9
@@ -164,16 +165,3 @@ def _disc(M: Array, d: Array, chord: float, middle: float, sign: float) -> float
     c = float(np.trace(M)) - fixed + chord * math.cos(middle)
     s = sign * float(np.sum(M * skew(d))) + chord * math.sin(middle)
     return fixed + math.hypot(c, s)
-
-
-def largest_eigenvalue(K: Array) -> float:
-    """An upper bound on the largest eigenvalue of a symmetric matrix, whatever the library makes of it.
-
-    For any V and w, K = V w V^T + E; by Ostrowski's theorem the first part's largest eigenvalue is at most that of w
-    (or zero) times |V^T V|, and E adds its norm. What computing E rounds is below 1e-14 of the norms.
-    """
-    w, V = np.linalg.eigh(K)
-    stretched = 1.0 + float(np.linalg.norm(V.T @ V - np.eye(len(K)))) + 1e-14
-    rest = float(np.linalg.norm(K - (V * w) @ V.T)) + 1e-14 * float(np.linalg.norm(K))
-    top = float(w.max())
-    return (top * stretched if top > 0.0 else top * (2.0 - stretched)) + rest

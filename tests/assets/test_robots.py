@@ -57,6 +57,12 @@ def transform(xyz: Any, quat_wxyz: Any) -> Vector:
     return matrix
 
 
+def turned(axis: Any, angle: float) -> Vector:
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_rotvec(angle * np.asarray(axis)).as_matrix()
+    return matrix
+
+
 def movable(name: str) -> list[dict[str, Any]]:
     return [joint for joint in facts(name)["joints"] if "axis" in joint]
 
@@ -69,9 +75,7 @@ def chain_poses(name: str, q: Vector) -> dict[str, Vector]:
     for joint in joints:
         pose = poses[joint["parent"]] @ transform(joint["xyz"], joint["quat"])
         if "axis" in joint:
-            turn = np.eye(4)
-            turn[:3, :3] = Rotation.from_rotvec(angles[joint["name"]] * np.asarray(joint["axis"])).as_matrix()
-            pose = pose @ turn
+            pose = pose @ turned(joint["axis"], angles[joint["name"]])
         poses[joint["child"]] = pose
     return poses
 

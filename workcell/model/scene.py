@@ -28,6 +28,7 @@ from workcell.model.loading.placing import attach_object, variation
 from workcell.model.loading.subtrees import members
 from workcell.model.loading.taskfile import RobotEntry, TaskFile
 from workcell.model.loading.warnings import heard_warnings, quiet_mujoco
+from workcell.model.scene_mechanism import SceneMechanism, scene_mechanism
 from workcell.model.scene_parts import Goal, SceneObject, SceneRobot, body_pose, site_pose
 from workcell.pose import Array, Pose, read_only
 
@@ -51,6 +52,7 @@ class Scene:
         placed: (address in qpos, value) of the cell's own joints that begin elsewhere than the model has them, such as
             those of a closed chuck (see `workcell.model.grip.actuated`), and those that are locked, or follow others.
         warnings: what MuJoCo warned of while it read and compiled the files, each once.
+        mechanism: what moves in a scene whose task file says `[mechanism]`; such a scene has no robots.
     """
 
     name: str
@@ -63,6 +65,7 @@ class Scene:
     task: Mapping[str, Any] = field(default_factory=dict)
     placed: tuple[tuple[int, float], ...] = ()
     warnings: tuple[str, ...] = ()
+    mechanism: SceneMechanism | None = None
 
     def __post_init__(self) -> None:
         for name in ("robots", "objects", "goals"):
@@ -129,7 +132,12 @@ class Scene:
             if thing.qpos_address is None:
                 raise InputError(f"the object {name!r} is fixed", where="objects", remedy="move a free one")
             thing.place(model.qpos0, pose)
-        return replace(self, model=model)
+        if self.mechanism is None:
+            return replace(self, model=model)
+        qpos = np.array(self.initial_qpos())
+        for name, pose in objects.items():
+            self.object(name).place(qpos, pose)
+        return replace(self, model=model, mechanism=self.mechanism.inside(model, qpos))
 
     def with_start(self, robot: str, q: Array) -> Scene:
         """The same scene with a robot beginning at `q` (n,); raises UnknownNameError, InputError."""
@@ -169,6 +177,8 @@ class Scene:
             for address, value in robot.fingers:
                 qpos[address] = value
             robot.place(qpos, robot.start)
+        if self.mechanism is not None:
+            self.mechanism.place(qpos, self.mechanism.start)
         return read_only(qpos)
 
     def object_pose(self, name: str, qpos: Array | None = None) -> Pose:
@@ -211,7 +221,7 @@ def _compiled(spec: mujoco.MjSpec, task: TaskFile, seed: int | None = None) -> S
             entry.name: attach_object(spec, entry, task, variation(entry, k, seed), places)
             for k, entry in enumerate(task.objects)
         }
-    if not task.robots:
+    if not task.robots and task.mechanism is None:
         task, mounted = robots_inside(spec, task)
     add_grasp_welds(spec, task, mounted, placed)
     model = compile_spec(spec, task.path)
@@ -233,7 +243,17 @@ def _compiled(spec: mujoco.MjSpec, task: TaskFile, seed: int | None = None) -> S
         task=task.task,
         placed=settled_joints(model, tuple(robots.values())),
     )
+    if task.mechanism is not None:
+        moving = scene_mechanism(model, scene.initial_qpos(), task.mechanism, task.path)
+        fixed = _standing(model, scene.obstacles, moving.body_ids)
+        scene = replace(scene, mechanism=moving, obstacles=fixed)
     return replace(scene, goals=_goals(scene, task))
+
+
+def _standing(model: mujoco.MjModel, names: tuple[str, ...], moving: frozenset[int]) -> tuple[str, ...]:
+    """Those of some bodies' names that are of none that moves."""
+    taken = {str(model.body(body).name) for body in moving}
+    return tuple(name for name in names if name not in taken)
 
 
 def robot_scene(robot: str | Path) -> Scene:

@@ -66,6 +66,20 @@ class GoalEntry:
 
 
 @dataclass(frozen=True, slots=True)
+class MechanismEntry:
+    """`[mechanism]`: joints of any kind, with or without loops, that move where there is no arm with a tool.
+
+    `joints` names those that move, where it is not all of the cell; `frames` the sites (or bodies) that a run watches;
+    `start` values by joint, for where it begins. Joints that nothing drives are found from the others.
+    """
+
+    name: str
+    joints: tuple[str, ...] | None = None
+    frames: tuple[str, ...] = ()
+    start: Mapping[str, float | tuple[float, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
 class TaskFile:
     """A task file as it stands, before anything is compiled."""
 
@@ -75,6 +89,7 @@ class TaskFile:
     robots: tuple[RobotEntry, ...] = ()
     objects: tuple[ObjectEntry, ...] = ()
     goals: tuple[GoalEntry, ...] = ()
+    mechanism: MechanismEntry | None = None
     task: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -97,12 +112,20 @@ def read_task_file(path: Path) -> TaskFile:
         given = f"is {table['format']!r}" if "format" in table else "is missing"
         raise reader.error("format", given, f'format = "{FORMAT}"')
     reader.only_keys(
-        table, {"format", "name", "description", "cell", "robots", "objects", "goals", "task"}, ""
+        table,
+        {"format", "name", "description", "cell", "robots", "objects", "goals", "mechanism", "task"},
+        "",
     )
     robots = tuple(_robot(reader, entry, k) for k, entry in enumerate(reader.tables(table, "robots")))
     objects = tuple(_object(reader, entry, k) for k, entry in enumerate(reader.tables(table, "objects")))
     goals = tuple(_goal(reader, entry, k, robots) for k, entry in enumerate(reader.tables(table, "goals")))
-    reader.unique([*(r.name for r in robots), *(o.name for o in objects)], "robots and objects")
+    mechanism = _mechanism(reader, table)
+    if robots and mechanism is not None:
+        raise reader.error("mechanism", "stands beside robots", "one of the two")
+    reader.unique(
+        [*(r.name for r in robots), *(o.name for o in objects), *([mechanism.name] if mechanism else [])],
+        "robots and objects",
+    )
     reader.unique([g.name for g in goals], "goals")
     task = table.get("task", {})
     if not isinstance(task, dict):
@@ -114,8 +137,27 @@ def read_task_file(path: Path) -> TaskFile:
         robots,
         objects,
         goals,
+        mechanism,
         task,
     )
+
+
+def _mechanism(reader: _Reader, table: Mapping[str, Any]) -> MechanismEntry | None:
+    entry, at = table.get("mechanism"), "mechanism"
+    if entry is None:
+        return None
+    if not isinstance(entry, dict):
+        raise reader.error(at, "must be a table", "[mechanism]")
+    reader.only_keys(entry, {"name", "joints", "frames", "start"}, at)
+    start = entry.get("start", {})
+    if not isinstance(start, dict):
+        raise reader.error(f"{at}.start", f"is {start!r}", "a table of joints")
+    values = {
+        name: reader.numbers({name: [value] if _is_number(value) else value}, name, f"{at}.start")
+        for name, value in start.items()
+    }
+    joints = reader.texts(entry, "joints", at) if "joints" in entry else None
+    return MechanismEntry(reader.name(entry, at), joints, reader.texts(entry, "frames", at), values)
 
 
 def _robot(reader: _Reader, entry: Mapping[str, Any], k: int) -> RobotEntry:
@@ -211,6 +253,12 @@ class _Reader:
         if not _NAME.fullmatch(name):
             raise self.error(f"{at}.name".lstrip("."), f"is {name!r}", "letters, digits, _ - and . inside")
         return name
+
+    def texts(self, table: Mapping[str, Any], key: str, at: str) -> tuple[str, ...]:
+        value = table.get(key, [])
+        if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
+            raise self.error(f"{at}.{key}", f"is {value!r}", "a list of strings")
+        return tuple(value)
 
     def number(self, table: Mapping[str, Any], key: str, at: str, *, default: float) -> float:
         value = table.get(key, default)

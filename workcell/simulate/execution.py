@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -27,7 +27,7 @@ class StopReason(enum.Enum):
 
 
 _SENTENCES = {
-    StopReason.TRACKING: "The arm left its reference. Move slower, or look for saturated joints in the log.",
+    StopReason.TRACKING: "What moves left its reference. Move slower, or look for saturated joints in the log.",
     StopReason.CONTACT: "The robot, or what it carries, touched something that it should not. "
     "Plan with more clearance.",
     StopReason.UNSTABLE: "The simulation became unstable. "
@@ -82,6 +82,8 @@ class Execution:
         clearance_points: (T, 2, 3) the nearest points of that pair, world.
         internal_force: (T,) largest force (newtons) with which hands that share an object worked against each other
             since the row before; 0 while no object is shared.
+        closure_error: (T,) largest distance (metres, radians) by which a tie of a mechanism was missed since the row
+            before; empty where there is no mechanism.
         contacts: unintended contacts, first moment of each.
         events: the log.
         saturated_steps: control steps on which a joint reached its effort limit.
@@ -100,16 +102,17 @@ class Execution:
     clearance_pair: tuple[tuple[str, str], ...]
     clearance_points: Array
     internal_force: Array
+    closure_error: Array = field(default_factory=lambda: np.zeros(0))
     contacts: tuple[ContactEvent, ...] = ()
     events: tuple[Event, ...] = ()
     saturated_steps: int = 0
     stop: Stop | None = None
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
+        for one in fields(self):
+            value = getattr(self, one.name)
             if isinstance(value, np.ndarray):
-                object.__setattr__(self, field.name, read_only(value))
+                object.__setattr__(self, one.name, read_only(value))
 
     def __len__(self) -> int:
         return len(self.time)
@@ -145,9 +148,9 @@ class Execution:
 def join_executions(parts: Sequence[Execution]) -> Execution:
     """One execution out of consecutive chunks of one run."""
     merged = {
-        field.name: np.concatenate([getattr(part, field.name) for part in parts])
-        for field in fields(Execution)
-        if isinstance(getattr(parts[0], field.name), np.ndarray)
+        one.name: np.concatenate([getattr(part, one.name) for part in parts])
+        for one in fields(Execution)
+        if isinstance(getattr(parts[0], one.name), np.ndarray)
     }
     return Execution(
         **merged,

@@ -21,6 +21,7 @@ class Worst:
     error_rad: float = 0.0
     torque: Array | None = None
     internal_force: float = 0.0
+    closure: float = 0.0
 
     def update(self, actual: Array, wanted: Array, torque: Array) -> None:
         """Take one control step into account; `actual` and `wanted` are tool poses (4, 4)."""
@@ -60,6 +61,7 @@ class Rows:
     error: list[tuple[float, float]] = field(default_factory=list)
     distance: list[Distance] = field(default_factory=list)
     internal_force: list[float] = field(default_factory=list)
+    closure: list[float] = field(default_factory=list)
     contacts: list[ContactEvent] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     saturated: int = 0
@@ -94,13 +96,14 @@ class Rows:
             q=np.array(self.q).reshape(-1, self.dof),
             q_reference=np.array(self.q_reference).reshape(-1, self.dof),
             torque=np.array(self.torque).reshape(-1, self.dof),
-            tool_position=np.array(self.tool).reshape(-1, 3 * self.arms),
+            tool_position=np.array(self.tool).reshape(len(self.time), 3 * self.arms),
             tracking_error_m=np.array([error[0] for error in self.error]),
             tracking_error_rad=np.array([error[1] for error in self.error]),
             clearance=np.array([d.distance for d in self.distance]),
             clearance_pair=tuple(d.pair for d in self.distance),
             clearance_points=np.array([d.points for d in self.distance]).reshape(-1, 2, 3),
             internal_force=np.array(self.internal_force),
+            closure_error=np.array(self.closure),
             contacts=tuple(self.contacts),
             events=tuple(self.events),
             saturated_steps=self.saturated,

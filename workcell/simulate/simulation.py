@@ -15,7 +15,8 @@ from workcell.simulate.checks import check_free_hand, checked_motions, checked_s
 from workcell.simulate.execution import StopReason
 from workcell.simulate.grasp import Hand, Weld, finger_speed
 from workcell.simulate.meeting import Mover, first_meeting
-from workcell.simulate.stepping import Settings, Stepper
+from workcell.simulate.runner import Settings
+from workcell.simulate.stepping import Stepper
 from workcell.simulate.watch import Held, Hold
 
 __all__ = ["Settings", "Simulation"]

@@ -21,6 +21,15 @@ class SphereClearance:
         self._problem = problem
         self._foreign = tuple(piece for piece in problem.obstacles if piece.geom < 0)
 
+    def looks(self, *, foreign_only: bool = False) -> bool:
+        """Whether there is anything to look at."""
+        problem = self._problem
+        if problem.cover is None or not len(problem.cover):
+            return False
+        return bool(self._foreign) or (
+            not foreign_only and bool(problem.obstacles or problem.apart is not None)
+        )
+
     def __call__(self, R: Array, p: Array, *, foreign_only: bool = False) -> tuple[Clearance, int]:
         """The clearance with links at (links, 3, 3) and (links, 3), and how many pairs it is of.
 

@@ -138,6 +138,8 @@ class MechanismJudge:
             other = self._measure.contact(q) if found.distance >= 0.0 else None
             found = found if other is None else other
             clearance = Clearance(found.distance, found.pair, found.reason)
+        if not self._spheres.looks(foreign_only=measured):
+            return clearance, looked_at
         spheres, count = self._spheres(*self._exact.links(q), foreign_only=measured)
         return (spheres if spheres.distance < clearance.distance else clearance), looked_at + count
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.polynomial import polynomial
 
 from workcell.model.mechanism.mechanism import Mechanism
-from workcell.model.mechanism.tables import Index, tables_of
-from workcell.pose import Array, quat_to_matrix, rotation_vector
+from workcell.model.mechanism.tables import Index, crossed, rotations, tables_of
+from workcell.pose import Array, rotation_vector
 
 _TINY = 1e-12
 
@@ -50,7 +50,11 @@ class Placed:
         """The same of world points (m, 3), each of its own link (m,): (m, 3, dof) each."""
         linear, angular = self.screws
         moves = tables_of(self.mechanism).moves[links][:, None, :]
-        return (np.cross(angular.T, points[:, None]).swapaxes(1, 2) + linear) * moves, angular * moves
+        x, y, z = points.T
+        cross = np.zeros((len(points), 3, 3))
+        cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = z, -y, x
+        cross[:, 1, 0], cross[:, 2, 0], cross[:, 2, 1] = -z, y, -x
+        return (cross @ angular + linear) * moves, angular * moves
 
     @cached_property
     def screws(self) -> tuple[Array, Array]:
@@ -58,15 +62,12 @@ class Placed:
         mechanism, tables = self.mechanism, tables_of(self.mechanism)
         linear, angular = np.zeros((mechanism.dof, 3)), np.zeros((mechanism.dof, 3))
         axes = (self.R[1:] @ tables.axis[..., None])[..., 0]
-        hinges, slides = tables.hinges, tables.slides
-        rate = np.array([at.start for at in mechanism.rate_slices])
+        hinges, slides, rate = tables.hinges, tables.slides, tables.first_rates
         angular[rate[hinges]], linear[rate[slides]] = axes[hinges], axes[slides]
-        for joint in tables.balls:
-            angular[rate[joint] : rate[joint] + 3] = self.R[joint + 1].T
-        for joint in tables.frees:
-            linear[rate[joint] : rate[joint] + 3] = np.eye(3)
-            angular[rate[joint] + 3 : rate[joint] + 6] = self.R[joint + 1].T
-        linear += np.cross(self.p[1:][tables.rate_joint], angular)
+        turning = np.concatenate([tables.balls, tables.frees])
+        angular[tables.turns] = self.R[turning + 1].swapaxes(1, 2)
+        linear[tables.shifts] = np.eye(3)
+        linear += crossed(self.p[1:][tables.rate_joint], angular)
         return linear.T, angular.T
 
 
@@ -88,11 +89,9 @@ def moved(mechanism: Mechanism, q: Array, tangent: Array) -> Array:
     """The configuration (size,) that a tangent (dof,) leads to in unit time."""
     tables, found = tables_of(mechanism), np.array(q, dtype=float)
     found[tables.single_values] += tangent[tables.single_rates]
-    for joint in (*tables.balls, *tables.frees):
-        at, step = mechanism.value_slices[joint], tangent[mechanism.rate_slices[joint]]
-        if len(step) == 6:
-            found[at.start : at.start + 3] += step[:3]
-        found[at.stop - 4 : at.stop] = _turned(found[at.stop - 4 : at.stop], step[-3:])
+    found[tables.places] += tangent[tables.shifts]
+    if len(tables.quats):
+        found[tables.quats] = _turned(found[tables.quats], tangent[tables.turns])
     return found
 
 
@@ -100,24 +99,21 @@ def difference(mechanism: Mechanism, q: Array, other: Array) -> Array:
     """The tangent (dof,) that leads from a configuration to another in unit time."""
     tables, tangent = tables_of(mechanism), np.zeros(mechanism.dof)
     tangent[tables.single_rates] = (other - q)[tables.single_values]
-    for joint in (*tables.balls, *tables.frees):
-        at, rate = mechanism.value_slices[joint], mechanism.rate_slices[joint]
-        if rate.stop - rate.start == 6:
-            tangent[rate.start : rate.start + 3] = (other - q)[at.start : at.start + 3]
-        R = quat_to_matrix(np.stack([q[at.stop - 4 : at.stop], other[at.stop - 4 : at.stop]]))
-        tangent[rate.stop - 3 : rate.stop] = rotation_vector(R[0].T @ R[1])
+    tangent[tables.shifts] = (other - q)[tables.places]
+    if len(tables.quats):
+        R, S = rotations(q[tables.quats]), rotations(other[tables.quats])
+        tangent[tables.turns] = rotation_vector(R.swapaxes(1, 2) @ S)
     return tangent
 
 
-def _turned(quat: Array, vector: Array) -> Array:
-    """quat times the rotation vector's quaternion, in the child."""
-    angle = float(np.linalg.norm(vector))
-    half = 0.5 * angle
-    w = np.cos(half)
-    v = vector * (0.5 if angle < _TINY else np.sin(half) / angle)
-    a, b = quat[0], quat[1:]
-    product = np.concatenate([[a * w - b @ v], a * v + w * b + np.cross(b, v)])
-    unit: Array = product / np.linalg.norm(product)
+def _turned(quats: Array, vectors: Array) -> Array:
+    """Quaternions (k, 4) times those of rotation vectors (k, 3), in the child."""
+    angle = np.sqrt((vectors * vectors).sum(axis=1))[:, None]
+    v = vectors * np.where(angle < _TINY, 0.5, np.sin(0.5 * angle) / np.maximum(angle, _TINY))
+    w, a, b = np.cos(0.5 * angle), quats[:, :1], quats[:, 1:]
+    real = a * w - (b * v).sum(axis=1, keepdims=True)
+    product = np.concatenate([real, a * v + w * b + crossed(b, v)], axis=1)
+    unit: Array = product / np.sqrt((product * product).sum(axis=1, keepdims=True))
     return unit
 
 

@@ -12,6 +12,7 @@ from workcell.model.mechanism.mechanism import Mechanism
 from workcell.pose import Array, axis_angle_to_matrix, quat_to_matrix
 
 Index = NDArray[np.int64]
+_FOUR, _BEFORE = np.arange(4), np.arange(3, 0, -1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +28,9 @@ class Tables:
         hinges, slides, balls, frees: indices of the joints.
         hinge_values, slide_values: where their numbers are in a configuration; of the others where a quaternion begins.
         single_values, single_rates: where hinges and slides have their numbers in configurations and tangents.
+        first_rates: (n,) where each joint's numbers in tangents begin.
+        quats, turns: (b, 4) and (b, 3) where quaternions of balls and floating bodies are, and their turns in tangents.
+        places, shifts: (f, 3) where floating bodies are, and how they shift in tangents.
         rate_joint: (dof,) the joint of each number of a tangent.
         moves: (links, dof) whether it moves a link.
     """
@@ -48,6 +52,11 @@ class Tables:
     free_values: Index
     single_values: Index
     single_rates: Index
+    first_rates: Index
+    quats: Index
+    turns: Index
+    places: Index
+    shifts: Index
     rate_joint: Index
     moves: NDArray[np.bool_]
 
@@ -66,9 +75,40 @@ class Tables:
                 q[self.ball_values[:, None] + np.arange(4)]
             )
         if len(self.frees):
-            R[self.frees] = quat_to_matrix(q[self.free_values[:, None] + np.arange(4)])
-            p[self.frees] = q[self.free_values[:, None] - np.arange(3, 0, -1)]
+            R[self.frees] = rotations(q[self.free_values[:, None] + _FOUR])
+            p[self.frees] = q[self.free_values[:, None] - _BEFORE]
         return R, p
+
+
+def _forms() -> Array:
+    """(16, 9) the entries of a rotation matrix as quadratic forms of its unit quaternion wxyz."""
+    unit = np.eye(4)
+    alone = quat_to_matrix(unit).reshape(4, 9)
+    form = np.zeros((4, 4, 9))
+    for i in range(4):
+        form[i, i] = alone[i]
+        for j in range(i):
+            both = 2.0 * quat_to_matrix(unit[i] + unit[j]).ravel() - alone[i] - alone[j]
+            form[i, j] = form[j, i] = 0.5 * both
+    return form.reshape(16, 9)
+
+
+_FORMS = _forms()
+
+
+def rotations(quats: Array) -> Array:
+    """Rotation matrices (k, 3, 3) of unit quaternions wxyz (k, 4)."""
+    R: Array = (quats[:, :, None] * quats[:, None, :]).reshape(-1, 16) @ _FORMS
+    return R.reshape(-1, 3, 3)
+
+
+def crossed(one: Array, two: Array) -> Array:
+    """Cross products (m, 3) of vectors (m, 3)."""
+    found = np.empty_like(one)
+    found[:, 0] = one[:, 1] * two[:, 2] - one[:, 2] * two[:, 1]
+    found[:, 1] = one[:, 2] * two[:, 0] - one[:, 0] * two[:, 2]
+    found[:, 2] = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
+    return found
 
 
 _made = ByIdentity()
@@ -95,6 +135,7 @@ def _tables(mechanism: Mechanism) -> Tables:
     sine = quarter - np.eye(3) - cosine
     turning = (kinds == "hinge")[:, None, None]
     single = np.flatnonzero((kinds == "hinge") | (kinds == "slide"))
+    quats = np.concatenate([first[balls], first[frees] + 3])
     rate_joint = np.repeat(np.arange(n), [at.stop - at.start for at in mechanism.rate_slices])
     return Tables(
         parents=tuple(joint.parent for joint in joints),
@@ -114,6 +155,11 @@ def _tables(mechanism: Mechanism) -> Tables:
         free_values=first[frees] + 3,
         single_values=first[single],
         single_rates=rates[single],
+        first_rates=rates,
+        quats=quats[:, None] + _FOUR,
+        turns=np.concatenate([rates[balls], rates[frees] + 3])[:, None] + _FOUR[:3],
+        places=first[frees][:, None] + _FOUR[:3],
+        shifts=rates[frees][:, None] + _FOUR[:3],
         rate_joint=rate_joint,
         moves=mechanism.ancestors[:, rate_joint],
     )

@@ -99,6 +99,7 @@ def planted(seed, tolerances=LOOSE, worst=1.0):
         reference = moved(mechanism, q, 0.5 * step * rng.uniform(-1.0, 1.0, mechanism.dof))
         far = np.linalg.norm(place(mechanism, reference).R - placed.R, axis=(1, 2)).max()
         bounds = {"q_reference": reference, "max_step": step, "max_link_rotation": float(far) + 1e-9}
+        bounds.pop(str(rng.choice(["max_step", "max_link_rotation", "none"])), None)
     return MechanismProblem(mechanism, tuple(goals), tuple(regions), tolerances=tolerances, **bounds), q
 
 

@@ -5,6 +5,7 @@ import numpy as np
 from workcell.ik.mechanisms.proofs.multipliers import Multipliers
 from workcell.ik.problem import STEP_SLACK
 from workcell.model.mechanism.placing import place
+from workcell.model.robot import LIMIT_SLACK
 from workcell.pose import axis_angle_to_matrix
 
 
@@ -21,6 +22,8 @@ def random_multipliers(problem, rng, share=0.5):
             m.axes[k], m.limits[k] = drawn(3), drawn(3)
         if joint.kind in ("hinge", "ball"):
             m.turns[k] = drawn((3, 3))
+        if joint.kind == "ball" and problem.max_step is not None:
+            m.steps[k] = drawn((3, 3))
     for c, closure in enumerate(mechanism.closures):
         m.closures[c] = drawn(3)
         if closure.kind == "weld":
@@ -41,6 +44,8 @@ def random_multipliers(problem, rng, share=0.5):
         first += len(z)
     if problem.max_link_rotation is not None:
         m.links[:] = np.abs(drawn(len(m.links)))
+    elif problem.max_step is not None:
+        m.links[1:] = [abs(drawn(())) * (joint.kind == "free") for joint in mechanism.joints]
     return m
 
 
@@ -68,6 +73,13 @@ def at(problem, graph, m, q, tolerances):
             apart, most = before @ middle - after, np.sqrt(8.0) * np.sin(0.5 * graph.half[k])
             assert np.linalg.norm(apart) <= most + 1e-12
             total += np.sum(m.turns[k] * apart) + np.linalg.norm(m.turns[k]) * most
+        if joint.kind == "ball" and problem.max_step is not None:
+            reference = place(mechanism, problem.q_reference).R
+            step = np.linalg.norm(problem.max_step[mechanism.rate_slices[k]] + LIMIT_SLACK)
+            apart = placed.R[joint.parent] @ reference[joint.parent].T @ reference[k + 1] - after
+            most = np.sqrt(8.0) * np.sin(0.5 * min(step, np.pi))
+            assert np.linalg.norm(apart) <= most + 1e-12
+            total += np.sum(m.steps[k] * apart) + np.linalg.norm(m.steps[k]) * most
     for c, tie in enumerate(mechanism.closures):
         (a, b), (F, G) = tie.links, tie.frames
         total += m.closures[c] @ (placed.point(a, F.position) - placed.point(b, G.position))
@@ -94,8 +106,15 @@ def at(problem, graph, m, q, tolerances):
         z = m.regions[first : first + len(region.b)]
         first += len(z)
         total += z @ (region.b - region.A @ p) + region_tolerance * np.abs(z).sum()
-    if problem.max_link_rotation is not None:
+    if problem.q_reference is not None:
         reference = place(mechanism, problem.q_reference).R
-        least = 3.0 - 0.5 * min(problem.max_link_rotation + STEP_SLACK, np.sqrt(8.0)) ** 2
-        total += m.links @ (np.einsum("lij,lij->l", placed.R, reference) - least)
+        for link, value in enumerate(m.links):
+            bounds = [np.sqrt(8.0)]
+            if problem.max_link_rotation is not None:
+                bounds.append(problem.max_link_rotation + STEP_SLACK)
+            if link and mechanism.joints[link - 1].kind == "free" and problem.max_step is not None:
+                step = np.linalg.norm(problem.max_step[mechanism.rate_slices[link - 1]][3:] + LIMIT_SLACK)
+                bounds.append(np.sqrt(8.0) * np.sin(0.5 * min(step, np.pi)))
+            least = 3.0 - 0.5 * min(bounds) ** 2
+            total += value * (np.sum(placed.R[link] * reference[link]) - least)
     return float(total)

@@ -28,11 +28,10 @@ from workcell.ik.mechanisms.check import (
 from workcell.ik.mechanisms.hashing import mechanism_hash
 from workcell.ik.mechanisms.problem import MechanismProblem
 from workcell.ik.mechanisms.proofs.graph import Graph, unsuited
-from workcell.ik.mechanisms.proofs.hangs import ALONE, Hangs
+from workcell.ik.mechanisms.proofs.hangs import Hangs
 from workcell.ik.mechanisms.proofs.multipliers import Multipliers
 from workcell.ik.mechanisms.proofs.sums import Sum
 from workcell.ik.mechanisms.proofs.words import nothing_is_closer, nothing_reaches
-from workcell.model.mechanism.mechanism import WORLD
 from workcell.pose import Array
 
 Duals = Mapping[tuple[str, int], Array]
@@ -125,11 +124,15 @@ _FIELDS = {
     "rotation": "rotations",
     "direction": "directions",
     "cone": "cones",
+    "ball step": "steps",
     "turn": "links",
+    "free turn": "links",
 }
 """The array of each family of rows."""
-_CONES = ("limit", "ball")
-_BELOW_ZERO = ("chord", "cone", "turn")
+_TRACE = 1e-13
+"""Part of the largest multiplier below which one is none."""
+_CONES = ("limit", "ball", "ball step")
+_BELOW_ZERO = ("chord", "cone", "turn", "free turn")
 
 
 def _multipliers(problem: MechanismProblem, duals: Duals) -> Multipliers:
@@ -145,8 +148,13 @@ def _multipliers(problem: MechanismProblem, duals: Duals) -> Multipliers:
             array = getattr(m, _FIELDS[family])
             z = z[1:] if family in _CONES else z
             z = np.maximum(z, 0.0) if family in _BELOW_ZERO else z
-            array[index] = z.reshape(array.shape[1:])
-    return m
+            # the rotation of a floating body is that of the link it moves
+            array[index + (family == "free turn")] += z.reshape(array.shape[1:])
+    largest = max(float(np.abs(part).max(initial=0.0)) for part in m.parts().values())
+    # traces of rounding, which what nothing bounds would make infinite
+    return Multipliers(
+        **{name: np.where(np.abs(part) > _TRACE * largest, part, 0.0) for name, part in m.parts().items()}
+    )
 
 
 def _completed(
@@ -161,7 +169,7 @@ def _completed(
     first = joints + ties + len(problem.goals)
     rotations, welds, turns = (np.array(part) for part in (m.rotations, m.welds, m.turns))
     rotations[[b - joints - ties for b in by.tolist() if joints + ties <= b < first]] = 0.0
-    passed_on = _rigid_and_alone(problem, graph, by)
+    passed_on = _rigid_and_turning(problem, graph, by, reached)
     welds[[way - joints for way, _ in passed_on if way < first]] = 0.0
     m = replace(
         m, rotations=rotations, welds=welds, turns=turns, chords=_held(problem, graph, m, by, reached)
@@ -196,21 +204,24 @@ def _held(problem: MechanismProblem, graph: Graph, m: Multipliers, by: By, reach
     return kept
 
 
-def _rigid_and_alone(problem: MechanismProblem, graph: Graph, by: By) -> list[tuple[int, int]]:
-    """What makes one rotation of several nodes that hang by nothing: (what, node that passes on), leaves first."""
-    edges = [(way, int(graph.node[a]), int(graph.node[b])) for way, a, b in rigid(problem, graph)]
-    alone = [node for node in np.unique(graph.node).tolist() if node != WORLD and by[node] == ALONE]
+def _rigid_and_turning(
+    problem: MechanismProblem, graph: Graph, by: By, reached: bool
+) -> list[tuple[int, int]]:
+    """What makes one rotation of several nodes that are not known: (what, node that passes on), leaves first."""
+    hangs, edges = Hangs(problem, graph, by, 0.0, reached), rigid(problem, graph)
+    turning = [node for node in np.unique(graph.node).tolist() if hangs.fixed(node) is None]
+    # what hangs by a hinge has a half-space of its limits, and keeps all
+    starts = sorted(turning, key=lambda node: not 0 <= by[node] < graph.joints)
     seen: set[int] = set()
     passed: list[tuple[int, int]] = []
-    for start in alone:
-        if start in seen:
-            continue
+    for start in starts:
+        frontier = [] if start in seen else [start]
         seen.add(start)
-        frontier = [start]
         for node in frontier:
-            for way, a, b in edges:
+            for way, *links in edges:
+                a, b = (int(graph.node[link]) for link in links)
                 for here, there in ((a, b), (b, a)):
-                    if here == node and there not in seen and there in alone:
+                    if here == node and there not in seen and there in turning:
                         seen.add(there)
                         frontier.append(there)
                         passed.append((way, there))

@@ -61,7 +61,7 @@ class Program:
             return np.zeros(0, dtype=np.int64)
         R, pivots = qr(A.T, mode="r", pivoting=True)
         diagonal = np.abs(np.diagonal(R))
-        rank = int((diagonal > _DEPENDENT * max(diagonal[0], 1.0)).sum())
+        rank = int((diagonal > _DEPENDENT * diagonal.max(initial=1.0)).sum())
         chosen, left = np.sort(pivots[:rank]), np.sort(pivots[rank:])
         if len(left):
             combination = np.linalg.lstsq(A[chosen].T, A[left].T, rcond=None)[0]

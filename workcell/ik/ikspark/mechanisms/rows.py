@@ -199,7 +199,7 @@ def _bounds(lift: MechanismLift, problem: MechanismProblem, reference: Placed) -
     for k, joint in enumerate(mechanism.joints):
         if joint.kind not in ("ball", "free"):
             continue
-        most = float(steps[mechanism.rate_slices[k]][-3:].min())
+        most = float(np.linalg.norm(steps[mechanism.rate_slices[k]][-3:]))
         if joint.kind == "ball" and most < np.pi:
             relative = reference.R[joint.parent].T @ reference.R[k + 1]
             turned = np.einsum("ijx,jk->ikx", lift.rotations[joint.parent], relative) - lift.rotations[k + 1]

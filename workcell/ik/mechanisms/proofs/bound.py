@@ -121,9 +121,13 @@ def _floating(graph: Graph, total: Sum) -> float:
     """What the origins of floating bodies add, at most."""
     added = 0.0
     for k in np.flatnonzero(graph.has("free") & (total.touched > 0.0)):
-        added += float(np.linalg.norm(total.o[k])) * float(graph.reach[k + 1])
+        most = float(np.linalg.norm(total.o[k])) * float(graph.reach[k + 1])
+        if (steps := graph.steps) is not None and bool(np.all(np.isfinite(steps.room[k]))):
+            near = float(total.o[k] @ steps.origin[k]) + float(np.abs(total.o[k]) @ steps.room[k])
+            most = min(most, near)
         if not math.isfinite(graph.reach[k + 1]):
             return math.inf
+        added += most
     return added
 
 

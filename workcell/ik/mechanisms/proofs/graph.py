@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from workcell.ik.mechanisms.problem import MechanismProblem
 from workcell.model.mechanism.mechanism import WORLD, Joint, JointKind
+from workcell.model.mechanism.placing import place
 from workcell.model.robot import LIMIT_SLACK
 from workcell.pose import Array, axis_angle_to_matrix
 
@@ -36,6 +37,40 @@ _LONGER = 1.0 + 1e-12
 
 
 @dataclass(frozen=True, slots=True)
+class Steps:
+    """Where the reference has what a ball or a free joint moves, and how far that may be from there.
+
+    Attributes:
+        rest: (n, 3, 3) the child's rotation in the parent's at the reference.
+        half: (n,) radians that it may be turned from there, at most pi.
+        origin, room: (n, 3) the child's origin there, and how far each coordinate may be from it; of free joints.
+    """
+
+    rest: Array
+    half: Array
+    origin: Array
+    room: Array
+
+
+def steps_of(problem: MechanismProblem) -> Steps | None:
+    """The largest step as bounds on balls and floating bodies; None without one."""
+    if problem.max_step is None or problem.q_reference is None:
+        return None
+    mechanism, most = problem.mechanism, np.asarray(problem.max_step) + LIMIT_SLACK
+    placed, n = place(mechanism, problem.q_reference), len(mechanism.joints)
+    parent = np.array([joint.parent for joint in mechanism.joints])
+    half, room = np.full(n, np.pi), np.full((n, 3), np.inf)
+    for k, joint in enumerate(mechanism.joints):
+        step = most[mechanism.rate_slices[k]]
+        if joint.kind in ("ball", "free"):
+            # each component of the rotation vector is bounded
+            half[k] = min(float(np.linalg.norm(step[-3:])), np.pi)
+        if joint.kind == "free":
+            room[k] = step[:3]
+    return Steps(np.swapaxes(placed.R[parent], 1, 2) @ placed.R[1:], half, placed.p[1:], room)
+
+
+@dataclass(frozen=True, slots=True)
 class Graph:
     """Joint k moves link k + 1. Links that slide on each other share a node, that of the first of them.
 
@@ -47,6 +82,7 @@ class Graph:
         rest: (n, 3, 3) what the child's rotation is in the parent's with the joint in the middle.
         across, turned: (n, 3) e_k in the link that hinge k moves, and J u_k in the link before.
         ends: (n, 2) of the slides, with the slack; infinite where nothing bounds them.
+        steps: what the largest step says of balls and floating bodies; None without one.
         node: (links,) each link's node. inner: (links, 3, 3) X with `R_link = R_node X`.
         reach: (links,) how far from the world's origin a link's origin can be; infinite where nothing bounds it.
         length: metres that everything has together.
@@ -64,6 +100,7 @@ class Graph:
     across: Array
     turned: Array
     ends: Array
+    steps: Steps | None
     node: NDArray[np.int64]
     inner: Array
     reach: Array
@@ -107,6 +144,7 @@ class Graph:
             across,
             (turn @ moved[:, :, None])[..., 0],
             ends,
+            steps_of(problem),
             node,
             inner,
             reach,
@@ -187,7 +225,13 @@ def _reach(problem: MechanismProblem, steps: Array, covered: Array, reached: boo
             frame = mechanism.frame(goal.frame)
             span = float(np.linalg.norm(goal.position) + np.linalg.norm(frame.T_link_frame.position))
             ways.append((WORLD, frame.link, span + float(covered[0])))
-    ways += _steps_of_free_joints(problem)
+    if (bounds := steps_of(problem)) is not None:
+        # a floating body is no farther than from where it is at the reference, by the largest step
+        ways += [
+            (WORLD, k + 1, float(np.linalg.norm(bounds.origin[k]) + np.linalg.norm(bounds.room[k])))
+            for k, joint in enumerate(mechanism.joints)
+            if joint.kind == "free"
+        ]
     found = np.full(mechanism.link_count, np.inf)
     found[WORLD] = 0.0
     for _ in range(mechanism.link_count):
@@ -196,18 +240,6 @@ def _reach(problem: MechanismProblem, steps: Array, covered: Array, reached: boo
             found[a] = min(found[a], found[b] + span)
     bounded: Array = found * _LONGER
     return bounded
-
-
-def _steps_of_free_joints(problem: MechanismProblem) -> list[tuple[int, int, float]]:
-    """A floating body is no farther than from where it is at the reference, by the largest step."""
-    ways, mechanism = [], problem.mechanism
-    for k, joint in enumerate(mechanism.joints):
-        if joint.kind == "free" and problem.max_step is not None:
-            assert problem.q_reference is not None
-            at = problem.q_reference[mechanism.value_slices[k]][:3]
-            step = np.asarray(problem.max_step)[mechanism.rate_slices[k]][:3] + LIMIT_SLACK
-            ways.append((WORLD, k + 1, float(np.linalg.norm(at) + np.linalg.norm(step))))
-    return ways
 
 
 def _within_reach(ends: Array, slides: NDArray[np.bool_], farthest: Array) -> Array:

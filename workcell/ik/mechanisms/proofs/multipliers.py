@@ -23,17 +23,20 @@ class Multipliers:
         limits: (n, 3) of the cones that hold the hinges' limits.
         chords: (n,) of half-spaces that hold the limits of hinges next to a link whose rotation is known; not below 0.
         turns: (n, 3, 3) of the cones that hold rotations near those in the middle of their range; of hinges and balls.
+        steps: (n, 3, 3) of the cones that hold balls near the reference.
         closures: (c, 3) of places that coincide. welds: (c, 3, 3) of rotations that do.
         positions: (g, 3), rotations: (g, 3, 3), directions: (g, 3) of the goals.
         cones: (g,) of directions within an angle; not below 0.
         regions: (r,) of the rows; not below 0 but where they are equalities.
-        links: (n + 1,) of the bounds on link rotations; not below 0.
+        links: (n + 1,) of the bounds on how far links (floating bodies among them) are turned from the reference; not
+            below 0.
     """
 
     axes: Array
     limits: Array
     chords: Array
     turns: Array
+    steps: Array
     closures: Array
     welds: Array
     positions: Array
@@ -78,6 +81,7 @@ def _sizes(problem: MechanismProblem) -> dict[str, tuple[int, ...]]:
         "limits": (n, 3),
         "chords": (n,),
         "turns": (n, 3, 3),
+        "steps": (n, 3, 3),
         "closures": (c, 3),
         "welds": (c, 3, 3),
         "positions": (g, 3),
@@ -101,11 +105,17 @@ def misplaced(problem: MechanismProblem, m: Multipliers) -> str | None:
     loose = np.array([goal.direction is not None and goal.within > 0.0 for goal in goals], dtype=bool)
     exact = np.array([goal.direction is not None and not goal.within > 0.0 for goal in goals], dtype=bool)
     held = np.full(len(joints) + 1, problem.max_link_rotation is not None)
+    stepping = np.array(
+        [problem.max_step is not None and joint.kind == "ball" for joint in joints], dtype=bool
+    )
+    if problem.max_step is not None:
+        held[1:] |= [joint.kind == "free" for joint in joints]
     places: list[tuple[str, NDArray[np.bool_]]] = [
         ("axes", hinges),
         ("limits", hinges),
         ("chords", hinges),
         ("turns", np.array([joint.kind in ("hinge", "ball") for joint in joints], dtype=bool)),
+        ("steps", stepping),
         ("welds", np.array([closure.kind == "weld" for closure in problem.mechanism.closures], dtype=bool)),
         ("positions", np.array([goal.position is not None for goal in goals], dtype=bool)),
         ("rotations", np.array([goal.rotation is not None for goal in goals], dtype=bool)),

@@ -77,6 +77,11 @@ class Sum:
                 self.N[k + 1] -= m.turns[k]
                 turned = FARTHEST_TURN * math.sin(0.5 * graph.half[k])
                 self.constant += float(np.linalg.norm(m.turns[k])) * turned
+            if graph.kinds[k] == "ball" and graph.steps is not None:
+                self.N[parent] += m.steps[k] @ graph.steps.rest[k].T
+                self.N[k + 1] -= m.steps[k]
+                turned = FARTHEST_TURN * math.sin(0.5 * graph.steps.half[k])
+                self.constant += float(np.linalg.norm(m.steps[k])) * turned
 
     def _ties(self, problem: MechanismProblem, m: Multipliers, covered: Array) -> None:
         for c, closure in enumerate(problem.mechanism.closures):
@@ -133,9 +138,14 @@ class Sum:
             self.charges += float(covered[3]) * float(np.abs(mu).sum())
 
     def _references(self, problem: MechanismProblem, m: Multipliers) -> None:
-        if problem.max_link_rotation is None or problem.q_reference is None:
+        if problem.q_reference is None:
             return
-        most = min(problem.max_link_rotation + STEP_SLACK, FARTHEST_TURN)
+        most = np.full(len(m.links), FARTHEST_TURN)
+        if problem.max_link_rotation is not None:
+            most = np.minimum(most, problem.max_link_rotation + STEP_SLACK)
+        if (steps := self._graph.steps) is not None:
+            loose = self._graph.has("free")
+            most[1:][loose] = np.minimum(most[1:], FARTHEST_TURN * np.sin(0.5 * steps.half))[loose]
         reference = place(problem.mechanism, problem.q_reference).R
         self.N += m.links[:, None, None] * reference
-        self.constant -= float(m.links.sum()) * (3.0 - 0.5 * most * most)
+        self.constant -= float(m.links @ (3.0 - 0.5 * most * most))

@@ -1,4 +1,4 @@
-"""Joints that follow others: equalities where they are linear, and the convex hull of the curve where they are not.
+"""Joints that follow others: equalities where they are linear, the convex hull of the curve where not.
 
 A hinge that follows another one is a point (cos, sin, cos', sin') of a curve on a sphere. The hull of the curve holds
 no other points of the sphere, so that at rank one, where both pairs are of length one, hull and curve are the same. The

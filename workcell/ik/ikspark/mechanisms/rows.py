@@ -1,4 +1,4 @@
-"""The rows of a mechanism's relaxation, by what they say: affine functions of the lifted variables that are in cones.
+"""The rows of a mechanism's relaxation, by what they say: affine functions of the variables, in cones.
 
 Each has a family and an index, by which its multipliers are known to proofs (`workcell.ik.mechanisms.check`).
 """

@@ -17,7 +17,8 @@ import mujoco
 import numpy as np
 
 ROBOTS = Path(__file__).resolve().parent
-FILES = ("sawyer.xml", "ur10.xml", "iiwa14.xml", "baxter_arm.xml", "baxter.xml", "parallel_gripper.xml", "shadow_hand.xml")
+ARMS = ("sawyer.xml", "ur10.xml", "iiwa14.xml", "baxter_arm.xml", "baxter.xml")
+FILES = (*ARMS, "parallel_gripper.xml", "shadow_hand.xml")
 GEOMETRY = ("type", "size", "pos", "quat", "fromto")
 INERTIAL = re.compile(r"<inertial [^>]*/>")
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from typing import Any
 
-from workcell.ik.problem import IKProblem
-from workcell.ik.result import IKResult
-
-Observer = Callable[["IKProblem", "IKResult"], None]
+Observer = Callable[[Any, Any], None]
+"""Takes an `IKProblem` and its `IKResult`, or a `MechanismProblem` and its `MechanismResult`."""
 
 _observer: ContextVar[Observer | None] = ContextVar("workcell_ik_observer", default=None)
 
@@ -24,8 +23,8 @@ def observed(observer: Observer) -> Iterator[None]:
         _observer.reset(token)
 
 
-def report(problem: IKProblem, result: IKResult) -> None:
-    """Tells the observer, if there is one, of an answered query."""
+def report(problem: object, result: object) -> None:
+    """Tells the observer, if there is one, of an answered query, of an arm or of a mechanism."""
     observer = _observer.get()
     if observer is not None:
         observer(problem, result)

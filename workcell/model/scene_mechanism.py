@@ -58,6 +58,12 @@ class SceneMechanism:
         return frozenset(np.flatnonzero(self.compiled.link_of_body != WORLD).tolist())
 
     @property
+    def own_ids(self) -> frozenset[int]:
+        """Ids of the bodies that are its own: those that its joints move, and what these stand on but for the world."""
+        roots = np.asarray(self.compiled.model.body_rootid)
+        return frozenset(np.flatnonzero(np.isin(roots, roots[list(self.body_ids)])).tolist())
+
+    @property
     def motor_addresses(self) -> NDArray[np.int64]:
         """(motors,) where the joints that motors move are in raw positions."""
         values = [self.mechanism.value_slices[k].start for k in self.motors]

@@ -15,6 +15,8 @@ from workcell.record.read.ways import kept_bounds, planned_by, way_rows
 _GRASP = re.compile(r"\b(grasp|held)", re.IGNORECASE)
 _MOVED_M = 0.01
 _AGREEMENT_M = 1e-6
+MOST_MISSED = 1e-3
+"""Metres (radians) by which ties may be missed while a simulation moves a mechanism: its constraints give a little."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +64,12 @@ def execution_checks(
                 f"the run claims {1e3 * claimed:.3f} mm, the recording shows {1e3 * tracking.maximum:.3f} mm"
             )
             checks.append(Check("claimed tracking", False, text))
+    if (closure := rows.get("closure_error")) is not None:
+        checks.append(_closure(closure, result))
+    elif result.get("max_closure_error_m") is not None:
+        checks.append(
+            Check("evidence", False, "the run claims closed loops, the recording has no closure_error")
+        )
     # what is said before anything moves is about the plan
     if (
         any(line.time > 0 and line.level == "INFO" and _GRASP.search(line.text) for line in events)
@@ -74,6 +82,15 @@ def execution_checks(
     text = f"{errors[0].text} ({errors[0].time:.2f} s)" if errors else "none in the log"
     checks.append(Check("errors", not errors, text))
     return tuple(checks)
+
+
+def _closure(row: MetricRow, result: Mapping[str, Any]) -> Check:
+    """Whether the ties of a mechanism held all along, and no worse than the run says."""
+    text = f"ties missed by {1e3 * row.maximum:.3f} mm (mrad) at most, at {row.time_of_maximum:.2f} s"
+    claimed = result.get("max_closure_error_m")
+    if isinstance(claimed, (int, float)) and not row.maximum <= claimed + _AGREEMENT_M:
+        return Check("closure", False, f"{text}; the run claims {1e3 * claimed:.3f}")
+    return Check("closure", row.maximum <= MOST_MISSED, f"{text}, {1e3 * MOST_MISSED:g} allowed")
 
 
 def planning_checks(

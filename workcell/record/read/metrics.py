@@ -17,7 +17,7 @@ _SCALARS, _NAMES = "Scalars:scalars", "SeriesLines:names"
 
 def unit_of(name: str) -> tuple[float, str]:
     """What a metric in SI units is multiplied with to be read, and its unit then; names without their column."""
-    if name in ("clearance", "tracking_error") or name.startswith(BY):
+    if name in ("clearance", "tracking_error", "closure_error") or name.startswith(BY):
         return 1e3, "mm"
     if name.endswith("_rad"):
         return 1e3, "mrad"

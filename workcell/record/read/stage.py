@@ -54,7 +54,7 @@ class Stage:
     Attributes:
         things: solids; `kind` is robots, objects, obstacles, spheres, obstacle_spheres, free_space or why.
         motions: by entity path, of all that has a transform.
-        plans, traces: by robot: planned points (k, 3); executed (times (T,), points (T, 3)).
+        plans, traces: by robot, or by mechanism and frame: planned points (k, 3); executed (times (T,), points (T, 3)).
         goals: pose by name.
         uses: which cuboids the links are in.
         carriers: by entity path, the entity it is fixed to where that is not the one above it in the path.
@@ -76,11 +76,11 @@ class Stage:
         things, plans, traces, goals = [], {}, {}, {}
         for path, entity in world.items():
             names = names_of(path)
-            if names[-1] == "plan" and _STRIPS in entity.static:
-                plans[names[2]] = np.asarray(entity.static[_STRIPS][0], dtype=float)
-            elif names[-1] == "trace" and entity.has(_STRIPS):
+            if (names[-1] == "plan" or names[3:4] == ["plans"]) and _STRIPS in entity.static:
+                plans[_whose(names)] = np.asarray(entity.static[_STRIPS][0], dtype=float)
+            elif (names[-1] == "trace" or names[3:4] == ["traces"]) and entity.has(_STRIPS):
                 times, strips = entity.over_time(_STRIPS)
-                traces[names[2]] = (times, np.array([strip[0][-1] for strip in strips], dtype=float))
+                traces[_whose(names)] = (times, np.array([strip[0][-1] for strip in strips], dtype=float))
             elif names[1:2] == ["goals"] and path in motions:
                 goals[names[2]] = motions[path].at(0.0)
             elif (kind := _kind(names)) and (shapes := _shapes(entity)):
@@ -149,6 +149,11 @@ class Stage:
             if names[1:2] == ["objects"] and len(names) == 5 and names[3] == "visual":
                 paths.setdefault(names[2], path)
         return paths
+
+
+def _whose(names: list[str]) -> str:
+    """A robot's name, or a mechanism's with that of its frame."""
+    return "/".join([names[2], *names[4:5]])
 
 
 def _carrier(entity: Entity) -> str | None:

@@ -16,6 +16,7 @@ def make_blueprint(
     objects: Sequence[str],
     metrics: Sequence[str],
     eye: tuple[Array, Array],
+    traces: Sequence[str],
 ) -> Any:
     """The blueprint of a run.
 
@@ -27,6 +28,7 @@ def make_blueprint(
         robots, objects: escaped names, as they stand in entity paths.
         metrics: names below `metrics/`.
         eye: camera position and the point it looks at, (3,) each.
+        traces: entities of executed ways, which stay in sight.
     """
     rr = rerun()
     import rerun.blueprint as rrb
@@ -48,8 +50,7 @@ def make_blueprint(
             name=name,
             contents=["+ /world/**", *collision, *hidden],
             overrides={
-                f"/world/robots/{robot}/trace": [rr.LineStrips3D.from_fields().visualizer(), whole_past]
-                for robot in robots
+                f"/{trace}": [rr.LineStrips3D.from_fields().visualizer(), whole_past] for trace in traces
             },
             eye_controls=rrb.EyeControls3D(position=eye[0], look_target=eye[1], eye_up=[0, 0, 1]),
         )

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.model.robot import Robot
 from workcell.model.scene_parts import SceneRobot
@@ -49,12 +50,15 @@ class LinkState:
 
 @dataclass(slots=True)
 class _Follower:
-    """A robot with answered queries: its waypoints, and what was last told: of its links by number, and where it is.
+    """A robot or mechanism with answered queries: its waypoints, and what was last told: of its links, and where it is.
 
+    `addresses` are those of its waypoints' values in raw positions. Of a mechanism there is no `robot`, and no cuboid.
     `outlined` are the links that were in a polytope some time.
     """
 
-    robot: SceneRobot
+    name: str
+    addresses: NDArray[np.int64]
+    robot: SceneRobot | None = None
     waypoints: Waypoints = field(default_factory=Waypoints)
     told: dict[int, LinkState] = field(default_factory=dict)
     outlined: set[int] = field(default_factory=set)
@@ -76,7 +80,8 @@ class CuboidUse:
 
     def add_answer(self, robot: SceneRobot, waypoint: Waypoint) -> None:
         """A robot's query was answered."""
-        follower = self._followers.setdefault(robot.name, _Follower(robot))
+        mine = _Follower(robot.name, robot.qpos_addresses, robot)
+        follower = self._followers.setdefault(robot.name, mine)
         follower.waypoints.add(waypoint)
         if waypoint.cover is None or waypoint.solids is None:
             return
@@ -87,13 +92,17 @@ class CuboidUse:
                 self._writer.log_box_style(path, (*rgb, 1.0), _EDGE_M)
                 self._writer.log_numbers(path, link=link)
 
+    def add_mechanism_answer(self, name: str, addresses: NDArray[np.int64], waypoint: Waypoint) -> None:
+        """A question about a mechanism was answered; its waypoints have values at `addresses` of raw positions."""
+        self._followers.setdefault(name, _Follower(name, addresses)).waypoints.add(waypoint)
+
     def send(self, indexes: Indexes, qpos: Array) -> None:
         """Where every robot is at some times; qpos (T, nq). Cuboids of robots that none decided about are left out."""
         for follower in self._followers.values():
-            robot, q = follower.robot, qpos[:, follower.robot.qpos_addresses]
+            robot, q = follower.robot, qpos[:, follower.addresses]
             waypoints = follower.waypoints.along(q)
             self._send_places(indexes, follower, waypoints)
-            if not follower.told:
+            if not follower.told or robot is None:
                 continue
             states: dict[int, list[LinkState]] = {link: [] for link in follower.told}
             metrics = []
@@ -105,7 +114,7 @@ class CuboidUse:
             for name, column in zip((IN_USE, OUTSIDE, BY), np.concatenate(metrics).T, strict=True):
                 self._writer.send_scalars(f"metrics/{name}/{entity(robot.name)}", indexes, column)
             for link, past in states.items():
-                self._send_link(indexes, follower, link, past)
+                self._send_link(indexes, follower, robot, link, past)
 
     def _send_places(
         self, indexes: Indexes, follower: _Follower, waypoints: Sequence[Waypoint | None]
@@ -121,7 +130,7 @@ class CuboidUse:
                 follower.place = text
         if rows:
             index = (indexes[0][rows], indexes[1][rows])
-            self._writer.send_documents(f"{WAYS}/{entity(follower.robot.name)}", index, texts)
+            self._writer.send_documents(f"{WAYS}/{entity(follower.name)}", index, texts)
 
     def _during(
         self, robot: Robot, q: Array, waypoint: Waypoint | None
@@ -148,14 +157,21 @@ class CuboidUse:
         used = np.full(len(q), len(np.unique(solids)))
         return states, np.column_stack([used, out.sum(axis=1), depth.max(axis=1).clip(min=0.0)])
 
-    def _send_link(self, indexes: Indexes, follower: _Follower, link: int, past: Sequence[LinkState]) -> None:
+    def _send_link(
+        self,
+        indexes: Indexes,
+        follower: _Follower,
+        robot: SceneRobot,
+        link: int,
+        past: Sequence[LinkState],
+    ) -> None:
         """The rows at which a link's cuboids, or the number of its spheres outside of them, change."""
         before = [follower.told[link], *past[:-1]]
         rows = [k for k, state in enumerate(past) if state != before[k]]
         if not rows:
             return
         follower.told[link] = past[-1]
-        path, index = self._path(follower.robot, link), (indexes[0][rows], indexes[1][rows])
+        path, index = self._path(robot, link), (indexes[0][rows], indexes[1][rows])
         changes = [past[k] for k in rows]
         self._writer.send_boxes(path, index, [self._boxes(link, state.solids) for state in changes])
         lines = [self._outlines(state.solids) for state in changes]

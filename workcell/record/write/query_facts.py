@@ -6,8 +6,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from workcell.ik.mechanisms.problem import MechanismProblem
+from workcell.ik.mechanisms.result import MechanismResult
 from workcell.ik.problem import IKProblem
 from workcell.ik.result import IKResult
+from workcell.model.mechanism.placing import difference, place
 from workcell.model.robot import Robot
 from workcell.pose import Array
 
@@ -40,7 +43,27 @@ def query_facts(problem: IKProblem, result: IKResult) -> dict[str, Any]:
     return facts
 
 
-def cone_programs(result: IKResult) -> int:
+def mechanism_facts(problem: MechanismProblem, result: MechanismResult) -> dict[str, Any]:
+    """The same of a question about a mechanism: its steps are numbers of the tangent, radians or metres."""
+    mechanism, before = problem.mechanism, problem.q_reference
+    bounded = problem.max_step is not None or problem.max_link_rotation is not None
+    kind: Kind = "step" if bounded else "goal"
+    facts: dict[str, Any] = {"kind": kind, "in_cuboids": False, "sdps": cone_programs(result)}
+    if bounded and result.q is not None and before is not None:
+        moved = np.abs(difference(mechanism, before, result.q))
+        allowed = np.broadcast_to(np.inf if problem.max_step is None else problem.max_step, moved.shape)
+        number = int(np.argmax(moved if problem.max_step is None else moved / allowed))
+        turned = place(mechanism, np.array(result.q)).R - place(mechanism, before).R
+        facts["step"] = _short(moved[number])
+        facts["link_rotation"] = _short(np.linalg.norm(turned, axis=(1, 2)).max())
+        if problem.max_step is not None:
+            facts["max_step"] = _short(allowed[number])
+    if problem.max_link_rotation is not None:
+        facts["max_link_rotation"] = _short(problem.max_link_rotation)
+    return facts
+
+
+def cone_programs(result: IKResult | MechanismResult) -> int:
     """How many cone programs were solved for an answer, by whichever solver of a portfolio."""
     return int(sum(value for name, value in result.stats.items() if name.rpartition(".")[2] == "sdps"))
 

@@ -15,12 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError, OutputError
 from workcell.files import to_json
+from workcell.ik.mechanisms.problem import MechanismProblem
+from workcell.ik.mechanisms.result import MechanismResult
 from workcell.ik.observing import observed
 from workcell.ik.problem import IKProblem
 from workcell.ik.result import IKResult
 from workcell.pose import Array
 from workcell.record.write.rrd import writing
-from workcell.record.write.scene_log import SceneLog
+from workcell.record.write.scene_log import CLOSURE_ERROR, SceneLog
 from workcell.record.write.solver_log import SolverLog
 from workcell.record.write.waypoints import Waypoint
 
@@ -119,6 +121,8 @@ class Recording(SceneLog):
         metrics = {"tracking_error": chunk.tracking_error_m, "tracking_error_rad": chunk.tracking_error_rad}
         if not chunk.looked_at_nothing:
             metrics |= {"clearance": np.nan_to_num(chunk.clearance, nan=np.inf)}
+        if len(chunk) and len(chunk.closure_error) == len(chunk):
+            metrics |= {CLOSURE_ERROR: chunk.closure_error}
         self.log_states(chunk.time, chunk.qpos, metrics)
         self.log_nearest(chunk.time, chunk.clearance_points)
         for event in chunk.events:
@@ -152,19 +156,39 @@ class Recording(SceneLog):
         Where these are nested, a query counts for the innermost one. `what` says what is asked.
         """
 
-        def answered(problem: IKProblem, result: IKResult) -> None:
-            solids = None
-            if result.cuboids is not None and result.free_space is not None:
-                solids = self._solids.numbers(result.free_space, result.cuboids)
-            self._add_waypoint(what, problem, result, solids)
+        def answered(problem: object, result: object) -> None:
             when = (self._last_time, self._step(self._last_time))
-            self._solvers.add(what, problem, result, when, solids)
+            if isinstance(problem, MechanismProblem) and isinstance(result, MechanismResult):
+                self._add_mechanism_waypoint(what, problem, result)
+                self._solvers.add_mechanism(what, problem, result, when)
+            elif isinstance(problem, IKProblem) and isinstance(result, IKResult):
+                self._add_query(what, problem, result, when)
             if clock.monotonic() - self._flushed_at >= _CHUNK_WALL_S:
                 self.flush()
 
         with observed(answered):
             yield
         self._locate()
+
+    def _add_query(self, what: str, problem: IKProblem, result: IKResult, when: tuple[float, int]) -> None:
+        solids = None
+        if result.cuboids is not None and result.free_space is not None:
+            solids = self._solids.numbers(result.free_space, result.cuboids)
+        self._add_waypoint(what, problem, result, solids)
+        self._solvers.add(what, problem, result, when, solids)
+
+    def _add_mechanism_waypoint(self, what: str, problem: MechanismProblem, result: MechanismResult) -> None:
+        """The values of the motors that were answered, to be found again when the mechanism gets there."""
+        moving = self._mechanism
+        if moving is None or result.q is None or not result.solved:
+            return
+        if problem.mechanism.size != moving.mechanism.size:
+            return
+        bounded = problem.max_step is not None or problem.max_link_rotation is not None
+        before = problem.q_reference if bounded and problem.q_reference is not None else result.q
+        here, there = moving.motor_values(np.array(result.q)), moving.motor_values(np.array(before))
+        waypoint = Waypoint(what, result.solver, here, there, None, None)
+        self._cuboids.add_mechanism_answer(moving.name, moving.motor_addresses, waypoint)
 
     def _add_waypoint(
         self, what: str, problem: IKProblem, result: IKResult, solids: NDArray[np.int64] | None

@@ -15,6 +15,7 @@ from workcell.files import to_json
 from workcell.geometry.types import FreeSpace, Piece, SphereCover
 from workcell.model.robot import Robot
 from workcell.model.scene import Scene
+from workcell.model.scene_mechanism import SceneMechanism
 from workcell.model.scene_parts import Goal, SceneRobot
 from workcell.pose import Array, Pose
 from workcell.record.shapes import OBSTACLE_SPHERE_RGBA, ROBOT_SPHERE_RGBA, piece_shape
@@ -22,6 +23,7 @@ from workcell.record.write import scenery
 from workcell.record.write.blueprint import make_blueprint
 from workcell.record.write.cuboid_use import CuboidUse
 from workcell.record.write.free_solids import FreeSolids
+from workcell.record.write.mechanism_tracks import PLANS, below, described, frame_tracks, link_spheres
 from workcell.record.write.rrd import RrdWriter, entity
 from workcell.record.write.tracks import BodyPoses, Track
 
@@ -37,7 +39,7 @@ The first had no seals (see `seal.py`). The second did not say who planned (the 
 of queries what was asked of continuity), and called cuboids in use in which links were by geometry alone.
 """
 
-JOINT_POSITIONS = "joint_positions"
+JOINT_POSITIONS, CLOSURE_ERROR = "joint_positions", "closure_error"
 
 _PLAN_RGBA = (0.15, 0.45, 0.95, 1.0)
 _TRACE_RGBA = (0.95, 0.55, 0.05, 1.0)
@@ -68,6 +70,8 @@ class SceneLog:
         self._tracks: dict[str, Track] = {}
         self._carriers: dict[int, str] = {}
         self._robots: dict[str, SceneRobot] = {}
+        self._mechanism: SceneMechanism | None = None
+        self._traces: dict[str, str] = {}
         self._poses: BodyPoses | None = None
         self._timestep = 0.002
         self._trace_ends: dict[str, Array] = {}
@@ -86,18 +90,26 @@ class SceneLog:
         self.log_model(scene.model, owners, scene.initial_qpos())
         for robot in scene.robots.values():
             self._add_robot(robot, scene.initial_qpos())
+        if scene.mechanism is not None:
+            self._add_mechanism(scene.mechanism)
         for goal in scene.goals.values():
             self.log_goal(goal)
         self._manifest["robots"] = {name: _describe(robot) for name, robot in scene.robots.items()}
+        if scene.mechanism is not None:
+            self._manifest["robots"][scene.mechanism.name] = described(scene.mechanism)
         self._manifest |= {
             "objects": list(scene.objects),
             "obstacles": list(scene.obstacles),
             "goals": list(scene.goals),
         }
         self._writer.log_document("manifest", to_json(self._manifest))
-        names = [entity(name) for name in scene.robots], [entity(name) for name in scene.objects]
-        metrics = ("clearance", "tracking_error", *(f"{JOINT_POSITIONS}/{name}" for name in names[0]))
-        self._writer.send_blueprint(make_blueprint(*names, metrics, scenery.eye(scene)))
+        moving = [] if scene.mechanism is None else [scene.mechanism.name]
+        names = [entity(name) for name in (*scene.robots, *moving)], [entity(name) for name in scene.objects]
+        metrics = ["clearance", "tracking_error", *(f"{JOINT_POSITIONS}/{name}" for name in names[0])]
+        if moving:
+            metrics.insert(2, CLOSURE_ERROR)
+        traces = list(self._traces.values())
+        self._writer.send_blueprint(make_blueprint(*names, metrics, scenery.eye(scene), traces))
         self._send_frames(np.zeros(1), scene.initial_qpos()[None])
         self.flush()
 
@@ -131,7 +143,36 @@ class SceneLog:
         )
         self._writer.log_axes(f"{base}/tool", 0.08)
         self._writer.log_line_style(f"{base}/trace", _TRACE_RGBA, 0.003)
+        self._traces[f"{base}/tool"] = f"{base}/trace"
         self._writer.name_series(f"metrics/{JOINT_POSITIONS}/{entity(robot.name)}", robot.robot.joint_names)
+
+    def _add_mechanism(self, moving: SceneMechanism) -> None:
+        """The frames that are watched, their traces, and the names of the motors' curves."""
+        self._mechanism = moving
+        for track, trace in frame_tracks(moving):
+            self._tracks[track.path] = track
+            self._traces[track.path] = trace
+            self._writer.log_axes(track.path, 0.02 if len(moving.frames) > 1 else 0.08)
+            self._writer.log_line_style(trace, _TRACE_RGBA, 0.001 if len(moving.frames) > 1 else 0.003)
+        self._writer.name_series(f"metrics/{JOINT_POSITIONS}/{entity(moving.name)}", moving.motor_names)
+
+    def log_mechanism_cover(self, cover: SphereCover) -> None:
+        """The spheres of the scene's mechanism, link by link; spheres in link frames. A first cover stays."""
+        self._scene_logged("log_mechanism_cover")
+        if self._mechanism is None or self._mechanism.name in self._covered:
+            return
+        for path, centres, radii, carrier in link_spheres(self._mechanism, cover, self._carriers):
+            self._writer.log_spheres(path, centres, radii, ROBOT_SPHERE_RGBA, carrier)
+        self._covered.add(self._mechanism.name)
+        self.flush()
+
+    def log_frame_plan(self, frame: str, positions: ArrayLike) -> None:
+        """The planned way of a frame of the scene's mechanism: world positions (k, 3)."""
+        if self._mechanism is not None:
+            points = np.asarray(positions, dtype=float).reshape(-1, 3)
+            width = 0.001 if len(self._mechanism.frames) > 1 else 0.0025
+            self._writer.log_strip(below(self._mechanism, PLANS, frame), points, _PLAN_RGBA, width)
+            self.flush()
 
     def _link_track(
         self, path: str, robot: SceneRobot, link: int, body: int, qpos: Array, offset: Pose
@@ -245,10 +286,13 @@ class SceneLog:
         for path, track in self._tracks.items():
             where, turned = track.poses(positions, quats)
             self._writer.send_poses(path, indexes, where, turned)
-            if path.endswith("/tool"):
-                self._send_trace(path.removesuffix("tool") + "trace", indexes, where)
+            if path in self._traces:
+                self._send_trace(self._traces[path], indexes, where)
         for name, robot in self._robots.items():
             self._send_metric(f"{JOINT_POSITIONS}/{entity(name)}", times, qpos[:, robot.qpos_addresses])
+        if self._mechanism is not None:
+            values = qpos[:, self._mechanism.motor_addresses]
+            self._send_metric(f"{JOINT_POSITIONS}/{entity(self._mechanism.name)}", times, values)
         self._here = times[-1:], qpos[-1:]
         self._cuboids.send(indexes, qpos)
 

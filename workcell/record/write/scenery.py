@@ -39,6 +39,8 @@ def owners_of_bodies(scene: Scene) -> dict[int, str]:
     owners: dict[int, str] = {}
     for name, robot in scene.robots.items():
         owners |= {body: f"robots/{entity(name)}" for body in robot.own_ids}
+    if scene.mechanism is not None:
+        owners |= {body: f"robots/{entity(scene.mechanism.name)}" for body in scene.mechanism.own_ids}
     for name, thing in scene.objects.items():
         owners |= {body: f"objects/{entity(name)}" for body in thing.body_ids}
     return owners

@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from workcell.ik.mechanisms.problem import MechanismProblem
+from workcell.ik.mechanisms.result import MechanismResult
 from workcell.ik.problem import IKProblem
 from workcell.ik.result import IKResult
 from workcell.ik.stages import SolverStage
-from workcell.record.write.query_facts import query_facts
+from workcell.record.write.query_facts import mechanism_facts, query_facts
 from workcell.record.write.rrd import Indexes, RrdWriter
 
 LOG, QUERIES = "solver/log", "solver/queries"
@@ -65,6 +67,25 @@ class SolverLog:
             when: simulated seconds and step.
             cuboids: (m,) by sphere of the cover the number of the cuboid that the solver had it in (-1: none), or None.
         """
+        facts = query_facts(problem, result)
+        if cuboids is not None and problem.cover is not None:
+            links = [problem.robot.link_names[link] for link in problem.cover.link]
+            facts["cuboids"] = _by_link(links, cuboids)
+        self._add(what, result, facts, when)
+
+    def add_mechanism(
+        self, what: str, problem: MechanismProblem, result: MechanismResult, when: tuple[float, int]
+    ) -> None:
+        """One answered question about a mechanism."""
+        self._add(what, result, mechanism_facts(problem, result), when)
+
+    def _add(
+        self,
+        what: str,
+        result: IKResult | MechanismResult,
+        facts: Mapping[str, Any],
+        when: tuple[float, int],
+    ) -> None:
         cpu_ms = 1e3 * float(result.stats.get("cpu_s", 0.0))
         head = f"query {self._queries}: {what}: {result.solver} {result.status.value}, {cpu_ms:.2f} ms"
         self._rows[LOG].add((*when, self._step), head)
@@ -84,11 +105,8 @@ class SolverLog:
             "cpu_ms": round(cpu_ms, 4),
             "first_step": first,
             "stages": [_row(stage) for stage in result.stages],
-            **query_facts(problem, result),
+            **facts,
         }
-        if cuboids is not None and problem.cover is not None:
-            links = [problem.robot.link_names[link] for link in problem.cover.link]
-            document["cuboids"] = _by_link(links, cuboids)
         self._rows[QUERIES].add((*when, first), json.dumps(document))
         self._queries += 1
 

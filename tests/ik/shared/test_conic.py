@@ -73,3 +73,16 @@ def test_infeasible_comes_with_a_ray_and_updates_are_seen() -> None:
     halved = A.copy()
     halved.data[halved.data == 1.0] = 4.0
     assert solver.solve(np.array([0.0, 1.0]), b=b, values=halved.data).status == "solved"
+
+
+def test_exponential_and_power_cones_come_last() -> None:
+    """The least w with exp(u) <= w at u = 1/2, and the largest t with x^0.3 y^0.7 >= t at x = 2, y = 3."""
+    cones = Cones(zero=0, nonneg=0, exponential=1, power=(0.3,))
+    A = csc_matrix(-np.array([[0.0, 0], [0, 0], [1, 0], [0, 0], [0, 0], [0, 1]]))
+    solution = ConicSolver(A, np.array([0.5, 1, 0, 2, 3, 0]), cones, tolerance=1e-9).solve(
+        np.array([1.0, -1.0])
+    )
+    assert solution.status == "solved"
+    assert solution.x == pytest.approx([np.exp(0.5), 2**0.3 * 3**0.7], abs=1e-6)
+    assert cones.rows == 6
+    assert not cones.project_dual(np.ones(6)).any(), "nothing of theirs takes part in a proof"

@@ -21,6 +21,7 @@ from workcell.ik.ikspark.mechanisms.plain.forms import Expression, FormName
 from workcell.ik.ikspark.mechanisms.plain.model import PlainMechanism, plain_variables
 from workcell.ik.ikspark.mechanisms.plain.slides import SlideName
 from workcell.ik.mechanisms.problem import MechanismProblem
+from workcell.ik.problem import STEP_SLACK
 from workcell.model.mechanism.placing import place
 from workcell.pose import Array
 
@@ -41,8 +42,8 @@ def plain_relaxation(
 ) -> tuple[cvxpy.Problem, PlainMechanism]:
     """A feasibility problem over all lifted configurations that answer a question, and the expressions in it.
 
-    Balls and floating bodies may move by more than `max_step`; hinges that follow others, and sums with hinges in
-    them, are left free; so are collisions.
+    Hinges that follow others, and sums with hinges in them, are left free; so are collisions. Steps of balls and
+    floating bodies are bounded as a whole.
 
     Args:
         problem: the question.
@@ -77,6 +78,7 @@ def plain_rows(model: PlainMechanism, *, reach: bool = True) -> Mapping[tuple[st
         _cones,
         _regions,
         _turns,
+        _steps,
         _users,
     ]
     rows: Rows = {}
@@ -188,9 +190,31 @@ def _turns(model: PlainMechanism) -> Iterator[tuple[str, int, Expression]]:
     if problem.max_link_rotation is None or problem.q_reference is None:
         return
     before = place(problem.mechanism, problem.q_reference).R
-    least = 3.0 - 0.5 * problem.max_link_rotation**2
+    least = 3.0 - 0.5 * (problem.max_link_rotation + STEP_SLACK) ** 2
     for link in range(1, problem.mechanism.link_count):
         yield "turn", link, cp.sum(cp.multiply(before[link], model.rotations[link])) >= least
+
+
+def _steps(model: PlainMechanism) -> Iterator[tuple[str, int, Expression]]:
+    """What `max_step` says of balls and floating bodies: the length of their turn, and a box around an origin."""
+    import cvxpy as cp
+
+    problem, mechanism = model.problem, model.problem.mechanism
+    if problem.max_step is None or problem.q_reference is None:
+        return
+    before = place(mechanism, problem.q_reference)
+    for k, joint in enumerate(mechanism.joints):
+        if joint.kind not in ("ball", "free"):
+            continue
+        step, child = np.asarray(problem.max_step)[mechanism.rate_slices[k]], model.rotations[k + 1]
+        most = float(np.linalg.norm(step[-3:]))
+        if joint.kind == "free":
+            yield "free step", k, cp.abs(model.origins[k + 1] - before.p[k + 1]) <= step[:3]
+            if most < np.pi:
+                yield "free turn", k, cp.sum(cp.multiply(before.R[k + 1], child)) >= 1 + 2 * np.cos(most)
+        elif most < np.pi:
+            turned = model.rotations[joint.parent] @ (before.R[joint.parent].T @ before.R[k + 1])
+            yield "ball step", k, cp.norm(turned - child, "fro") <= 2 * np.sqrt(2) * np.sin(most / 2)
 
 
 def _users(model: PlainMechanism) -> Iterator[tuple[str, int, Expression]]:

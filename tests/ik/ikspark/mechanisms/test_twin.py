@@ -1,4 +1,4 @@
-"""The solver's reduced program and the plain relaxation, which reduces nothing, have the same optima and verdicts."""
+"""The solver's reduced program has the optima and verdicts of the plain relaxation, which reduces nothing."""
 
 from __future__ import annotations
 

@@ -6,9 +6,9 @@ The paper lifts (t, d) to an 8x8 matrix (Prop. 3), or to three 4x4 submatrices o
 they overlap in one 2x2 block, so that any three of them can be completed. `split` cuts the quaternion block of the
 rotation in two, Q = Q1 + Q2 with Q1's trace t: the convex hull of all pairs of a rotation and a value, and as exact
 as the rotation is, since what is below a matrix of rank 1 is a multiple of it. `whole` says the same by the 8x8 matrix
-of (sqrt(t) q, sqrt(1 - t) q) that has Q1 and Q2 on its diagonal. It is larger, but with its eigenvalues before it rank
-recovery ends in few steps. With `split` what is left shrinks by a factor a step, and a gap of Q leaves Q1 free by the
-gap's square root.
+of (sqrt(t) q, sqrt(1 - t) q) that has Q1 and Q2 on its diagonal. It is larger, but where rank recovery with its
+eigenvalues succeeds it ends at rank 1 to rounding. With `split` what is left shrinks by a factor a step, and a gap of Q
+leaves Q1 free by the gap's square root.
 """
 
 from __future__ import annotations

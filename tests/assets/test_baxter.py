@@ -1,8 +1,9 @@
-"""Baxter, whole and one arm alone: kinematics, limits, masses and extents against the facts; contacts; loads."""
+"""Baxter, whole and one arm alone: kinematics, limits, masses and extents of the facts; contacts; its bench."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.assets.test_robots import COLLISION_GROUP, extent, geoms_of, transform, turned
+from workcell import IKProblem, Scene, solve
 from workcell.model.loading.load import load_robot
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -170,3 +172,88 @@ def test_either_arm_of_the_whole_is_a_robot_by_its_tool() -> None:
         found = load_robot(WHOLE, tool=f"{side}/tool")
         assert found.joint_names == tuple(f"{side}/{name}" for name in arm.joint_names)
         np.testing.assert_array_equal(found.velocity, arm.velocity)
+
+
+# The bench
+
+TASK = """
+format = "workcell-task/1"
+name = "bench"
+cell = "baxter_bench"
+{robots}
+[[objects]]
+name = "carton"
+model = "carton"
+place = "carton_place"
+"""
+ROBOT = """
+[[robots]]
+name = "{side}"
+model = "baxter_arm"
+mount = "{side}_mount"
+gripper = "parallel_gripper"
+gripper_site = "gripper_mount"
+start = {start}
+"""
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    starts = dict(zip(SIDES, np.split(home(WHOLE), 2), strict=True))
+    robots = "".join(ROBOT.format(side=side, start=q.tolist()) for side, q in starts.items())
+    path = tmp_path_factory.mktemp("bench") / "bench.toml"
+    path.write_text(TASK.format(robots=robots))
+    return Scene.load(path)
+
+
+def test_on_the_bench_arms_stand_as_on_the_torso_and_begin_clear(bench: Scene) -> None:
+    data = mujoco.MjData(bench.model)
+    data.qpos[:] = bench.initial_qpos()
+    mujoco.mj_forward(bench.model, data)
+    whole = at(WHOLE, home(WHOLE))
+    torso = data.body("torso").xpos
+    for side in SIDES:
+        for body in ("arm_mount", "hand_link"):
+            np.testing.assert_allclose(
+                data.body(f"{side}/{body}").xpos - torso, whole.body(f"{side}/{body}").xpos, atol=1e-5
+            )
+    touching = {bench.model.body(int(body)).name for body in bench.model.geom_bodyid[data.contact.geom].flat}
+    assert touching <= {"bench", "carton/carton"}
+
+
+def test_the_obstacles_are_baxter_s_own_torso_pedestal_and_head(bench: Scene) -> None:
+    whole, own = model_of(WHOLE), bench.model
+    for link, body in (("torso", "torso"), ("pedestal", "torso"), ("head", "torso"), ("screen", "screen")):
+        for geom in geoms_of(whole, whole.body(link).id, COLLISION_GROUP):
+            found = [
+                g
+                for g in range(own.ngeom)
+                if own.geom_bodyid[g] == own.body(body).id
+                and own.geom_type[g] == whole.geom_type[geom]
+                and np.allclose(own.geom_size[g], whole.geom_size[geom], atol=1e-9)
+            ]
+            assert len(found) == 1, whole.geom(geom).name
+            here, there = mujoco.MjData(own), at(WHOLE, home(WHOLE))
+            mujoco.mj_kinematics(own, here)
+            np.testing.assert_allclose(
+                here.geom_xpos[found[0]] - here.body("torso").xpos, there.geom_xpos[geom], atol=1e-6
+            )
+
+
+@pytest.mark.parametrize("place", ["carton_place", "there"])
+@pytest.mark.parametrize("side", SIDES)
+def test_both_hands_reach_the_carton_s_handles_where_it_is_and_where_it_goes(
+    bench: Scene, place: str, side: str
+) -> None:
+    grasp = bench.object_pose("carton").inverse() @ bench.site_pose(f"carton/{side}")
+    robot = bench.robot(side).robot
+    within = replace(robot, lower=robot.lower + 0.1, upper=robot.upper - 0.1)
+    assert solve(IKProblem(within, bench.site_pose(place) @ grasp)).solved
+
+
+def test_the_carton_is_a_load_that_two_such_arms_can_carry(bench: Scene) -> None:
+    model = bench.model
+    carton = model.body("carton/carton").id
+    assert model.body_subtreemass[carton] == pytest.approx(1.2, abs=1e-9)
+    hand = model.body_subtreemass[model.body("left/gripper/gripper").id]
+    assert hand + 0.5 * model.body_subtreemass[carton] < 2.2  # the arm's payload, kg

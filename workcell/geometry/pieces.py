@@ -16,12 +16,14 @@ from workcell.model.labels import body_name, geom_name, obstacle_label
 from workcell.model.loading.compiled import link_bodies
 from workcell.model.loading.couplings import locked_values
 from workcell.model.loading.labels import shape_name
+from workcell.model.mechanism.placing import place
 from workcell.model.scene_parts import data_at
 from workcell.pose import Array, Pose
 
 if TYPE_CHECKING:
     import mujoco
 
+    from workcell.model.mechanism.mechanism import Mechanism
     from workcell.model.robot import Robot
     from workcell.model.scene import Scene
     from workcell.model.scene_parts import SceneRobot
@@ -121,6 +123,31 @@ def model_pieces(model: mujoco.MjModel, robot: Robot) -> tuple[tuple[Piece, ...]
     q = positions[[int(model.joint(name).qposadr[0]) for name in robot.joint_names]]
     positions[[int(model.joint(name).qposadr[0]) for name in robot.all_joint_names]] = robot.joint_values(q)
     return _link_pieces(model, robot, link_bodies(model, robot), positions, q)
+
+
+def mechanism_pieces(
+    mechanism: Mechanism, geoms: Collection[int] | None = None
+) -> tuple[tuple[Piece, ...], ...]:
+    """A mechanism's colliding geometry, for each link in that link's frame; of the world what stands there.
+
+    Args:
+        mechanism: with its compiled model.
+        geoms: ids of those that count; None: all that can collide.
+
+    Raises:
+        ModelError: it has no compiled model, or as `pieces_of_bodies`.
+    """
+    compiled = mechanism.compiled
+    if compiled is None:
+        raise ModelError("there is no compiled model that has its geometry", where=mechanism.name)
+    placed, qpos, links = place(mechanism, mechanism.home), compiled.qpos(mechanism.home), []
+    for link in range(mechanism.link_count):
+        bodies = np.flatnonzero(compiled.link_of_body == link).tolist()
+        world = pieces_of_bodies(compiled.model, bodies, qpos)
+        T_link_world = Pose.from_rotation(placed.p[link], placed.R[link]).inverse()
+        kept = [piece for piece in world if geoms is None or piece.geom in geoms]
+        links.append(tuple(_rounded(move_piece(piece, T_link_world)) for piece in kept))
+    return tuple(links)
 
 
 def move_piece(piece: Piece, pose: Pose) -> Piece:

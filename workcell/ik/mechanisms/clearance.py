@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from workcell.geometry.types import SphereCover
 from workcell.ik.judge.exact import exact_distances, smallest_clearance
 from workcell.ik.mechanisms.problem import MechanismProblem
 from workcell.ik.problem import Clearance
@@ -20,6 +21,11 @@ class SphereClearance:
     def __init__(self, problem: MechanismProblem) -> None:
         self._problem = problem
         self._foreign = tuple(piece for piece in problem.obstacles if piece.geom < 0)
+        cover = problem.cover
+        self._moving: SphereCover | None = None  # what stands does not collide with what stands
+        if cover is not None:
+            rows = cover.link > 0
+            self._moving = SphereCover(cover.link[rows], cover.centre[rows], cover.radius[rows], cover.kind)
 
     def looks(self, *, foreign_only: bool = False) -> bool:
         """Whether there is anything to look at."""
@@ -42,10 +48,13 @@ class SphereClearance:
             return nothing, 0
         pieces = self._foreign if foreign_only else self._problem.obstacles
         found, count = [nothing], 0
-        if pieces:
-            distance, sphere, piece = smallest_clearance(cover, R, p, exact_distances(pieces))
-            found.append(Clearance(distance, (self._name(sphere), pieces[piece].name)))
-            count += len(cover) * len(pieces)
+        moving = np.flatnonzero(cover.link > 0)
+        if pieces and len(moving):
+            own = self._moving
+            assert own is not None
+            distance, sphere, piece = smallest_clearance(own, R, p, exact_distances(pieces))
+            found.append(Clearance(distance, (self._name(int(moving[sphere])), pieces[piece].name)))
+            count += len(moving) * len(pieces)
         apart = self._problem.apart
         if apart is not None and len(apart) and not foreign_only:
             centres = np.einsum("mij,mj->mi", R[cover.link], cover.centre) + p[cover.link]

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.geometry.types import SphereCover
 from workcell.ik.mechanisms.problem import MechanismProblem
 from workcell.ik.mechanisms.residuals import Rows
+from workcell.model.mechanism.placing import Placed
 from workcell.pose import Array
 
 HINGE_MARGIN = 2e-4
@@ -38,7 +40,33 @@ class Penetration:
         self._obstacles = ObstacleArrays(seen) if seen else None
         self._moving = np.flatnonzero(self._link > 0)
         pairs = problem.apart if problem.apart is not None and len(cover) else np.zeros((0, 2))
-        self._pairs = np.array(pairs, dtype=np.int64)
+        self._by_links(np.array(pairs, dtype=np.int64).reshape(-1, 2))
+
+    def _by_links(self, pairs: NDArray[np.int64]) -> None:
+        """The pairs, link by link, and a ball around each link's spheres: most links are far from each other."""
+        links = np.sort(self._link[pairs], axis=1)
+        order = np.lexsort((links[:, 1], links[:, 0]))
+        self._pairs, links = pairs[order], links[order]
+        first = np.flatnonzero(np.any(np.diff(links, axis=0, prepend=-1), axis=1))
+        self._link_pairs = links[first]
+        self._group = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(links))))
+        count = int(self._link.max(initial=0)) + 1
+        self._ball, self._extent = np.zeros((count, 3)), np.zeros(count)
+        for link in np.unique(self._link).tolist():
+            mine = self._link == link
+            self._ball[link] = self._centre[mine].mean(axis=0)
+            away = np.linalg.norm(self._centre[mine] - self._ball[link], axis=1)
+            self._extent[link] = float((away + self._radius[mine]).max())
+
+    def _near_pairs(self, placed: Placed) -> NDArray[np.int64]:
+        """Pairs (p, 2) of spheres of links that are not too far from each other."""
+        middles = placed.points(np.arange(len(self._ball)), self._ball)
+        one, two = self._link_pairs.T
+        apart = middles[one] - middles[two]
+        reach = self._extent[one] + self._extent[two] + self._wanted
+        near = (apart * apart).sum(axis=1) < reach * reach
+        found: NDArray[np.int64] = self._pairs[near[self._group]]
+        return found
 
     @property
     def nothing(self) -> bool:
@@ -62,7 +90,7 @@ class Penetration:
                 values.append(short[near])
                 slopes.append(-(gradient[near, None] @ linear)[:, 0])
         if len(self._pairs):
-            one, two = self._pairs.T
+            one, two = self._near_pairs(placed).T
             apart = centres[one] - centres[two]
             length = np.sqrt((apart * apart).sum(axis=1))
             short = self._wanted + self._radius[one] + self._radius[two] - length

@@ -66,9 +66,10 @@ def solve_mechanism_multistart(
             start = random_configuration(mechanism, rng, reach=reach)
         hinge = hinges[starts % len(hinges)]
         found = polish_mechanism(problem, start, steps=STEPS, more=hinge)
+        starts, steps = starts + 1, steps + found.steps
         if hinge is not None:  # what spheres still push aside, ties and goals decide
             found = polish_mechanism(problem, found.q)
-        starts, steps = starts + 1, steps + found.steps
+            steps += found.steps
         verdict = judge(found.q, user)
         if verdict.accepted:
             stats = {"starts": float(starts), "iterations": float(steps)}

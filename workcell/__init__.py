@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from workcell.ik.explain.why_not import explain
     from workcell.ik.hjcd.batch import solve_batch
     from workcell.ik.judge.verify import verify
+    from workcell.ik.mechanisms.goals import FrameGoal, InRegion
     from workcell.ik.problem import Budget, IKProblem, Tolerances
     from workcell.ik.result import IKResult, Status
     from workcell.ik.solve import solve
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from workcell.model.loading.load import load_robot
     from workcell.model.robot import Robot
     from workcell.model.scene import Scene
+    from workcell.motion.mechanisms.follow import FrameWaypoint, MechanismSteps
     from workcell.motion.path import Path, Trajectory
     from workcell.motion.teams.team import Team
     from workcell.motion.timing.retime import retime
@@ -66,6 +68,10 @@ _HOMES = {
     "solve": "ik.solve",
     "verify": "ik.judge.verify",
     "explain": "ik.explain.why_not",
+    "FrameGoal": "ik.mechanisms.goals",
+    "InRegion": "ik.mechanisms.goals",
+    "FrameWaypoint": "motion.mechanisms.follow",
+    "MechanismSteps": "motion.mechanisms.follow",
     "Job": "task.job",
     "run_task": "task.run",
     "actuated": "model.grip",

@@ -118,10 +118,10 @@ def test_a_try_is_quiet_and_ends_nothing():
 
 def test_a_script_calls_the_parts_by_the_job_s_own_methods():
     """Public methods of a part are the job's, called the same way, but for those that parts use between them."""
-    between = {"quietly", "asking", "log_way", "log_chunk"}
+    between = {"quietly", "asking", "log_way", "log_frame_way", "log_chunk"}
     job = Job(None, "auto", "computed_torque", 0, None, print, {}, 0.0)
     offered = set()
-    for part in (job.story, job.planning, job.timing):
+    for part in (job.story, job.planning, job.timing, job.mechanisms):
         names = {name for name, _ in inspect.getmembers(part, inspect.ismethod) if not name.startswith("_")}
         for name in names - between:
             mine, its = (inspect.signature(getattr(it, name)).parameters for it in (job, part))
@@ -129,7 +129,7 @@ def test_a_script_calls_the_parts_by_the_job_s_own_methods():
         offered |= names
     assert between < offered
     mine = {name for name, _ in inspect.getmembers(job, inspect.ismethod) if not name.startswith("_")}
-    assert mine == offered - between | {"simulation"}
+    assert mine == offered - between | {"simulation", "mechanism_simulation"}
 
 
 def test_a_script_adds_to_the_summary():

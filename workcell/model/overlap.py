@@ -1,9 +1,11 @@
-"""Robots that stand in something before anything moves, in words."""
+"""Robots and mechanisms that stand in something before anything moves, in words."""
 
 from __future__ import annotations
 
 from workcell.model.collision_model import CollisionModel
+from workcell.model.mechanism.measuring import measure_of
 from workcell.model.scene import Scene
+from workcell.model.scene_mechanism import SceneMechanism
 from workcell.model.scene_parts import SceneRobot
 
 
@@ -17,6 +19,15 @@ def start_overlap(scene: Scene, robot: str) -> tuple[str, str] | None:
     told = f"{first} and {second} overlap by {-1e3 * start.distance:.1f} mm"
     a, b = start.geoms
     return told, f"give a clear start{remedy(scene, actor, (a, b))}"
+
+
+def mechanism_overlap(moving: SceneMechanism) -> str:
+    """What overlaps where a mechanism starts, and how deep; empty: nothing does."""
+    found = measure_of(moving.mechanism).distance(moving.start)
+    if found.distance >= 0:
+        return ""
+    first, second = found.pair
+    return f"{first} and {second} overlap by {-1e3 * found.distance:.1f} mm"
 
 
 def remedy(scene: Scene, robot: SceneRobot, geoms: tuple[int, int]) -> str:

@@ -186,6 +186,13 @@ class Scene:
         body = self.object(name).body_id
         return body_pose(self.model, body, self.initial_qpos() if qpos is None else qpos)
 
+    def body_pose(self, name: str, qpos: Array | None = None) -> Pose:
+        """World pose of a body, initially or at raw positions (nq,); raises UnknownNameError."""
+        bodies = [str(self.model.body(body).name) for body in range(self.model.nbody)]
+        if name not in bodies:
+            raise UnknownNameError("body", name, bodies, where=self.path)
+        return body_pose(self.model, bodies.index(name), self.initial_qpos() if qpos is None else qpos)
+
     def site_pose(self, name: str, qpos: Array | None = None) -> Pose:
         """World pose of a site, initially or at raw positions (nq,); raises UnknownNameError."""
         return site_pose(self.model, name, self.initial_qpos() if qpos is None else qpos, self.path)

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import Any, NoReturn
 
+from workcell.ik.mechanisms.problem import MechanismProblem
+from workcell.ik.mechanisms.result import MechanismResult
 from workcell.ik.problem import IKProblem
 from workcell.ik.result import IKResult
 from workcell.model.scene import Scene
+from workcell.model.scene_mechanism import SceneMechanism
 from workcell.motion.body import Upright
+from workcell.motion.mechanisms.follow import FrameWaypoint, MechanismSteps
+from workcell.motion.mechanisms.path import MechanismMotion, MechanismPath
 from workcell.motion.path import Path, Trajectory
 from workcell.motion.teams.team import Team
 from workcell.motion.tool_paths.follow import FollowLimits
 from workcell.motion.tool_paths.poses import PathTolerance
 from workcell.pose import Array, Pose
 from workcell.record.write.recording import Recording
+from workcell.simulate.mechanisms.simulation import MechanismSimulation
+from workcell.simulate.runner import Runner, Settings
 from workcell.simulate.simulation import Simulation
+from workcell.task.mechanisms import MechanismPlanning
 from workcell.task.planning import Planning
 from workcell.task.story import Story
 from workcell.task.timing import Timing
@@ -30,10 +38,11 @@ class Job:
         story: what the run says, measures and judges.
         planning: verified configurations and proved paths.
         timing: paths as motions.
+        mechanisms: configurations, ways and motions of the scene's mechanism.
         controller: name of what drives the motors (`workcell.simulate.controller.CONTROLLERS`).
     """
 
-    __slots__ = ("controller", "planning", "story", "timing")
+    __slots__ = ("controller", "mechanisms", "planning", "story", "timing")
 
     def __init__(
         self,
@@ -49,6 +58,7 @@ class Job:
         self.story = Story(scene, recording, tell, summary, began)
         self.planning = Planning(self.story, planner, seed)
         self.timing = Timing(self.story, self.planning)
+        self.mechanisms = MechanismPlanning(self.story, planner, seed)
         self.controller = controller
 
     # ---- the run ----------------------------------------------------------------------------------------------------
@@ -119,11 +129,15 @@ class Job:
         """A simulation of the scene that logs into the recording."""
         return Simulation(self.scene, controller=self.controller, on_chunk=self.story.log_chunk)
 
+    def mechanism_simulation(self, settings: Settings | None = None) -> MechanismSimulation:
+        """A simulation of the scene's mechanism that logs into the recording."""
+        return MechanismSimulation(self.scene, settings=settings, on_chunk=self.story.log_chunk)
+
     def tool_trace(self, simulation: Simulation, begin: float, end: float) -> Array:
         """(k, 3) where the tool was, in the world, between two moments of the simulation (seconds)."""
         return self.story.tool_trace(simulation, begin, end)
 
-    def judge(self, simulation: Simulation, conditions: Mapping[str, bool]) -> None:
+    def judge(self, simulation: Runner, conditions: Mapping[str, bool]) -> None:
         """What the simulation measured into the summary; the task fails unless every condition holds."""
         self.story.judge(simulation, conditions)
 
@@ -192,6 +206,49 @@ class Job:
     ) -> Path:
         """A proved path of all arms that hold an object, along the object's poses."""
         return self.planning.carry(team, poses, starts, limits, what)
+
+    # ---- what a mechanism does --------------------------------------------------------------------------------------
+
+    @property
+    def mechanism(self) -> SceneMechanism:
+        """The scene's mechanism."""
+        return self.mechanisms.moving
+
+    def mechanism_problem(
+        self, *, touching: Iterable[tuple[str, str]] = (), safety_margin: float = 0.0
+    ) -> MechanismProblem:
+        """A question about the mechanism without goals yet: no contact but of the pairs of geoms in `touching`."""
+        return self.mechanisms.mechanism_problem(touching=touching, safety_margin=safety_margin)
+
+    def pose(self, problem: MechanismProblem, what: str) -> MechanismResult:
+        """A verified configuration of the mechanism."""
+        return self.mechanisms.pose(problem, what)
+
+    def follow_frames(
+        self,
+        problem: MechanismProblem,
+        waypoints: Sequence[FrameWaypoint],
+        q_start: Array,
+        steps: MechanismSteps,
+        what: str,
+    ) -> MechanismPath:
+        """A continuous way of the mechanism through what is asked of its frames at the waypoints."""
+        return self.mechanisms.follow_frames(problem, waypoints, q_start, steps, what)
+
+    def straight(self, q_from: Array, q_to: Array) -> MechanismPath:
+        """The way on which the mechanism's motors go straight from a configuration to another."""
+        return self.mechanisms.straight(q_from, q_to)
+
+    def time_mechanism(
+        self,
+        problem: MechanismProblem,
+        path: MechanismPath,
+        what: str,
+        *,
+        frame_speed: Mapping[str, float] | None = None,
+    ) -> MechanismMotion:
+        """A timed motion of the mechanism along a way, looked at by the compiled model, within its motors' limits."""
+        return self.mechanisms.time_mechanism(problem, path, what, frame_speed=frame_speed)
 
     # ---- what is timed ----------------------------------------------------------------------------------------------
 

@@ -14,7 +14,7 @@ from workcell.files import check_writable, write_json_atomic
 from workcell.ik.result import Status
 from workcell.jit import announce_compiling
 from workcell.model.loading.assets import find_task
-from workcell.model.overlap import start_overlap
+from workcell.model.overlap import mechanism_overlap, start_overlap
 from workcell.model.scene import Scene
 from workcell.motion.tool_paths.planners import check_planner
 from workcell.record.write.recording import Recording
@@ -72,7 +72,7 @@ def run_task(
     name = scene.name
     summary: dict[str, Any] = {
         "task": name,
-        "robot": scene.robot().robot.name if len(scene.robots) == 1 else sorted(scene.robots),
+        "robot": _whose(scene),
         "planner": planner,
         "controller": controller,
         "seed": seed,
@@ -121,8 +121,21 @@ def run_task(
     )
 
 
+def _whose(scene: Scene) -> str | list[str]:
+    """Who moves in a scene, by name."""
+    if scene.mechanism is not None:
+        return scene.mechanism.name
+    return scene.robot().robot.name if len(scene.robots) == 1 else sorted(scene.robots)
+
+
 def _check_starts(scene: Scene) -> None:
-    """Raise InputError, with the pair and the depth, for a robot that stands in something before anything moves."""
+    """Raise InputError, with the pair and the depth, for what stands in something before anything moves."""
+    if scene.mechanism is not None and (told := mechanism_overlap(scene.mechanism)):
+        raise InputError(
+            f"the start is in collision: {told}",
+            where=f"{scene.path}: mechanism {scene.mechanism.name!r} start",
+            remedy='give a clear start; if they are meant to overlap: <contact><exclude body1="" body2=""/></contact>',
+        )
     for name in scene.robots:
         if overlap := start_overlap(scene, name):
             what, remedy = overlap

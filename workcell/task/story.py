@@ -14,8 +14,10 @@ from workcell.compile_ahead import compiling_seconds
 from workcell.model.scene import Scene
 from workcell.motion.path import Path
 from workcell.pose import Array
+from workcell.record.read.checks import MOST_MISSED
 from workcell.record.write.recording import Recording
 from workcell.simulate.execution import Execution
+from workcell.simulate.runner import Runner
 from workcell.simulate.simulation import Simulation
 from workcell.task.script import TaskFailedError
 from workcell.world.planning_world import PlanningWorld
@@ -111,6 +113,11 @@ class Story:
         self.ways.setdefault(robot, []).append(tools[:, :3, 3])
         self.recording.log_plan(robot, np.concatenate(self.ways[robot]))
 
+    def log_frame_way(self, frame: str, points: Array) -> None:
+        """Where a mechanism's frame is to go (k, 3), behind what was logged for this frame before."""
+        self.ways.setdefault(frame, []).append(points)
+        self.recording.log_frame_plan(frame, np.concatenate(self.ways[frame]))
+
     def tool_trace(self, simulation: Simulation, begin: float, end: float) -> Array:
         """(k, 3) where the tool was, in the world, between two moments of the simulation (seconds)."""
         rows = simulation.result()
@@ -125,11 +132,11 @@ class Story:
         for event in chunk.events:
             self.tell(f"[{time.perf_counter() - self.began:6.2f} s] at {event.time:5.2f} s: {event.text}")
 
-    def judge(self, simulation: Simulation, conditions: Mapping[str, bool]) -> None:
+    def judge(self, simulation: Runner, conditions: Mapping[str, bool]) -> None:
         """Write what the simulation measured into the summary; the task fails unless every condition holds.
 
         Beside the given conditions: the run was not stopped, nothing touched that should not, clearance stayed at
-        or above zero, and robots that moved at once are proved clear of each other.
+        or above zero, robots that moved at once are proved clear of each other, and a mechanism's ties held.
         """
         execution = simulation.result()
         pair, looked = execution.min_clearance_pair, not execution.looked_at_nothing
@@ -143,6 +150,8 @@ class Story:
             max_tracking_error_m=float(execution.tracking_error_m.max(initial=0.0)),
             unintended_contacts=len(execution.contacts),
         )
+        if len(execution.closure_error):
+            self.summary["max_closure_error_m"] = float(execution.closure_error.max())
         if execution.stop is not None:
             self.fail(
                 execution.stop.reason.value, f"{execution.stop.reason.sentence} {execution.stop.detail}"
@@ -151,6 +160,8 @@ class Story:
         if looked:
             checks["no unintended contact"] = not execution.contacts
             checks["clearance never below zero"] = execution.min_clearance >= 0.0
+        if len(execution.closure_error):
+            checks["its ties held"] = float(execution.closure_error.max()) <= MOST_MISSED
         if simulation.unproved:
             checks["all that moved at once is proved clear of each other"] = False
         checks |= conditions

@@ -50,7 +50,9 @@ class LinkState:
 
 @dataclass(slots=True)
 class _Follower:
-    """A robot or mechanism with answered queries: its waypoints, and what was last told: of its links, and where it is.
+    """A robot or mechanism with answered queries: its waypoints, and what was last told of it.
+
+    Told of its links by number, and where it is.
 
     `addresses` are those of its waypoints' values in raw positions. Of a mechanism there is no `robot`, and no cuboid.
     `outlined` are the links that were in a polytope some time.

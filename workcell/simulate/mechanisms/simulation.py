@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
-from workcell.errors import InputError, ModelError
+from workcell.errors import InputError, ModelError, UnknownNameError
 from workcell.model.mechanism.placing import difference
 from workcell.model.scene import Scene
 from workcell.model.scene_mechanism import SceneMechanism
@@ -85,9 +85,12 @@ class MechanismSimulation(Runner):
         """World pose of one of its frames now; raises UnknownNameError."""
         return self._frames.pose(self.data, name)
 
-    def object_pose(self, name: str) -> Pose:
-        """World pose of an object now; raises UnknownNameError."""
-        body = self.scene.object(name).body_id
+    def body_pose(self, name: str) -> Pose:
+        """World pose of any body now, such as an object's or a thing of the cell; raises UnknownNameError."""
+        bodies = [self.model.body(body).name for body in range(self.model.nbody)]
+        if name not in bodies:
+            raise UnknownNameError("body", name, bodies, where=self.scene.path)
+        body = bodies.index(name)
         return Pose(self.data.xpos[body], self.data.xquat[body])
 
     def touched(self) -> dict[Names, float]:

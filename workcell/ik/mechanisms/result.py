@@ -60,6 +60,7 @@ class MechanismCandidate:
         stages: what was done, in order: every step of the rank minimisation with its gap.
         bound: a lower bound on the cost that no configuration can be below (Problem 2b); nan: none was asked for.
         bound_certificate: what proves it.
+        by: the name of the part of the solver that found it, where that has one of its own; empty: the solver's.
     """
 
     q: Array | None = None
@@ -70,6 +71,7 @@ class MechanismCandidate:
     stages: tuple[SolverStage, ...] = ()
     bound: float = NAN
     bound_certificate: Certificate | None = None
+    by: str = ""
 
 
 @dataclass(frozen=True, slots=True)

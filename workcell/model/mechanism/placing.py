@@ -85,6 +85,19 @@ def place(mechanism: Mechanism, q: Array) -> Placed:
     return Placed(mechanism, q, R, p)
 
 
+def place_many(mechanism: Mechanism, q: Array) -> tuple[Array, Array]:
+    """Rotations (m, links, 3, 3) and origins (m, links, 3) of all links at configurations (m, size)."""
+    tables = tables_of(mechanism)
+    R_parent_child, p_parent_child = tables.local(q)
+    R = np.empty((len(q), mechanism.link_count, 3, 3))
+    p = np.empty((len(q), mechanism.link_count, 3))
+    R[:, 0], p[:, 0] = np.eye(3), 0.0
+    for k, parent in enumerate(tables.parents):
+        R[:, k + 1] = R[:, parent] @ R_parent_child[:, k]
+        p[:, k + 1] = (R[:, parent] @ p_parent_child[:, k, :, None])[..., 0] + p[:, parent]
+    return R, p
+
+
 def moved(mechanism: Mechanism, q: Array, tangent: Array) -> Array:
     """The configuration (size,) that a tangent (dof,) leads to in unit time."""
     tables, found = tables_of(mechanism), np.array(q, dtype=float)

@@ -61,22 +61,22 @@ class Tables:
     moves: NDArray[np.bool_]
 
     def local(self, q: Array) -> tuple[Array, Array]:
-        """Rotations (n, 3, 3) and places (n, 3) of all children in their parents at a configuration (size,)."""
-        R, p = self.still.copy(), self.offset.copy()
+        """Rotations (..., n, 3, 3) and places (..., n, 3) of all children in their parents, q (..., size)."""
+        batch = q.shape[:-1]
+        R = np.broadcast_to(self.still, (*batch, *self.still.shape)).copy()
+        p = np.broadcast_to(self.offset, (*batch, *self.offset.shape)).copy()
         if len(self.hinges):
-            angle = q[self.hinge_values]
+            angle = q[..., self.hinge_values, None, None]
             k = self.hinges
-            R[k] += np.sin(angle)[:, None, None] * self.sine[k]
-            R[k] += (1.0 - np.cos(angle))[:, None, None] * self.cosine[k]
+            R[..., k, :, :] += np.sin(angle) * self.sine[k] + (1.0 - np.cos(angle)) * self.cosine[k]
         if len(self.slides):
-            p[self.slides] += q[self.slide_values][:, None] * self.along[self.slides]
+            p[..., self.slides, :] += q[..., self.slide_values, None] * self.along[self.slides]
         if len(self.balls):
-            R[self.balls] = self.still[self.balls] @ quat_to_matrix(
-                q[self.ball_values[:, None] + np.arange(4)]
-            )
+            turned = quat_to_matrix(q[..., self.ball_values[:, None] + _FOUR])
+            R[..., self.balls, :, :] = self.still[self.balls] @ turned
         if len(self.frees):
-            R[self.frees] = rotations(q[self.free_values[:, None] + _FOUR])
-            p[self.frees] = q[self.free_values[:, None] - _BEFORE]
+            R[..., self.frees, :, :] = rotations(q[..., self.free_values[:, None] + _FOUR])
+            p[..., self.frees, :] = q[..., self.free_values[:, None] - _BEFORE]
         return R, p
 
 
@@ -97,9 +97,9 @@ _FORMS = _forms()
 
 
 def rotations(quats: Array) -> Array:
-    """Rotation matrices (k, 3, 3) of unit quaternions wxyz (k, 4)."""
-    R: Array = (quats[:, :, None] * quats[:, None, :]).reshape(-1, 16) @ _FORMS
-    return R.reshape(-1, 3, 3)
+    """Rotation matrices (..., 3, 3) of unit quaternions wxyz (..., 4)."""
+    R: Array = (quats[..., :, None] * quats[..., None, :]).reshape(-1, 16) @ _FORMS
+    return R.reshape(*quats.shape[:-1], 3, 3)
 
 
 def crossed(one: Array, two: Array) -> Array:

@@ -21,7 +21,6 @@ from workcell.ik.ikspark.mechanisms.nodes import Node, Nodes
 from workcell.ik.ikspark.mechanisms.rows import Rows
 from workcell.ik.shared.conic import svec
 from workcell.model.mechanism.mechanism import Mechanism
-from workcell.model.mechanism.placing import Placed
 from workcell.pose import Array, axis_angle_to_matrix, matrix_to_quat
 
 _TRIANGLE = [(i, j) for j in range(4) for i in range(j + 1)]
@@ -44,11 +43,11 @@ class PlanarPair:
 
     size = 15
 
-    def lift(self, placed: Placed) -> Array:
-        """The moments (15,) where links are placed."""
+    def lift(self, R: Array) -> Array:
+        """The moments (15,) at link rotations (links, 3, 3)."""
         parts = []
         for link, C, node in zip(self.links, self.C, self.planes, strict=True):
-            M = node.P.T @ placed.R[link] @ C.T @ node.S.T
+            M = node.P.T @ R[link] @ C.T @ node.S.T
             parts += [M[0, 0], M[1, 0]]
         v = np.array([*parts, 1.0])
         return svec(np.outer(v, v))
@@ -115,11 +114,11 @@ class HalfAngle:
         """Number of its variables."""
         return self.order * (self.order + 1) // 2
 
-    def lift(self, placed: Placed) -> Array:
-        """Its variables where links are placed."""
-        a = self.basis.T @ matrix_to_quat(placed.R[self.near])
+    def lift(self, R: Array) -> Array:
+        """Its variables at link rotations (links, 3, 3)."""
+        a = self.basis.T @ matrix_to_quat(R[self.near])
         a = a / np.linalg.norm(a)
-        far = matrix_to_quat(placed.R[self.far])
+        far = matrix_to_quat(R[self.far])
         h = np.array([far @ turned @ self.basis @ a for turned in self.turned])
         return svec(np.outer(np.kron(h, a), np.kron(h, a)))
 
@@ -157,7 +156,7 @@ class Direct:
 
     size = 0
 
-    def lift(self, placed: Placed) -> Array:
+    def lift(self, R: Array) -> Array:
         """Nothing."""
         return np.zeros(0)
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from workcell.ik.ikspark.lift import rotation_map
 from workcell.ik.shared.conic import smat, svec, triangle
-from workcell.pose import Array, matrix_to_quat, read_only
+from workcell.pose import Array, read_only
 
 FormName = Literal["quaternion", "rotation"]
 
@@ -45,10 +45,12 @@ class Form:
         return len(self.weight)
 
     def lift(self, R: Array) -> Array:
-        """The triangle (size,) of a rotation (3, 3)."""
-        y: Array = np.array([*R[:, 0], *R[:, 1], 1.0])
-        y = matrix_to_quat(R) if self.name == "quaternion" else y
-        return svec(np.outer(y, y))
+        """Triangles (..., size) of rotations (..., 3, 3)."""
+        if self.name == "quaternion":  # products of a quaternion's numbers are linear in its rotation
+            products: Array = R.reshape(*R.shape[:-2], 9) @ _PRODUCTS[:9] + _PRODUCTS[9]
+            return products
+        y = np.concatenate([R[..., 0], R[..., 1], np.ones((*R.shape[:-2], 1))], axis=-1)
+        return svec(y[..., :, None] * y[..., None, :])
 
     def top(self, x: Array) -> tuple[Array, Array]:
         """Largest eigenvalues (k,) of blocks (k, size), and the gradients (k, size) of them."""
@@ -61,6 +63,15 @@ class Form:
         return np.asarray(np.linalg.eigvalsh(smat(x, self.order))[:, -2], dtype=float)
 
 
+def _trace_of(order: int) -> Array:
+    rows, columns, _ = triangle(order)
+    return np.asarray(rows == columns, dtype=float)
+
+
+_PRODUCTS = np.linalg.inv(np.vstack([rotation_map().reshape(9, 10), _trace_of(4)[None]])).T
+"""(10, 10) the triangle of q q^T from the entries of its rotation, row by row, and one."""
+
+
 @lru_cache(maxsize=2)
 def form_of(name: FormName) -> Form:
     """The form of that name."""
@@ -68,9 +79,7 @@ def form_of(name: FormName) -> Form:
 
 
 def _quaternion() -> Form:
-    rows, columns, _ = triangle(4)
-    weight = (rows == columns).astype(float)
-    return Form("quaternion", 4, read_only(rotation_map()), read_only(weight), np.zeros((0, 10)), 1.0)
+    return Form("quaternion", 4, read_only(rotation_map()), read_only(_trace_of(4)), np.zeros((0, 10)), 1.0)
 
 
 def _rotation() -> Form:

@@ -14,11 +14,13 @@ from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
+from workcell.ik.ikspark.mechanisms.blocks import Blocks
 from workcell.ik.ikspark.mechanisms.forms import Form
 from workcell.ik.ikspark.mechanisms.nodes import Nodes
 from workcell.model.mechanism.mechanism import WORLD, Mechanism
-from workcell.model.mechanism.placing import Placed, place
+from workcell.model.mechanism.placing import place
 from workcell.pose import Array, matrix_to_quat
 
 UNLIMITED_SLIDE = 100.0
@@ -33,8 +35,8 @@ class Edge(Protocol):
         """Number of its variables."""
         ...
 
-    def lift(self, placed: Placed) -> Array:
-        """Its variables (size,) where links are placed."""
+    def lift(self, R: Array) -> Array:
+        """Its variables (size,) at link rotations (links, 3, 3)."""
         ...
 
 
@@ -107,9 +109,16 @@ class MechanismLift:
         for k, edge in edges.items():
             self.edges[k], at = (edge, at), at + edge.size
         self.size = at
+        self._first = [int(np.argmax(nodes.of_link == n)) for n in range(len(nodes.nodes))]
         turned = np.stack([self._node_rotation(n) for n in range(len(nodes.nodes))])
         self.rotations = np.einsum("lijx,ljk->likx", turned[nodes.of_link], nodes.C)
         self.origins = self._origins()
+
+    @property
+    def blocks(self) -> Blocks:
+        """The blocks that have to be of rank 1."""
+        full, planar = (np.array([*each.values()], dtype=np.int64) for each in (self.full, self.planar))
+        return Blocks(self.form, full, planar, self.size)
 
     def _constant(self, R: Array) -> Array:
         out = np.zeros((3, 3, self.size + 1))
@@ -189,7 +198,7 @@ class MechanismLift:
         placed: Array = origin + np.einsum("ijx,j->ix", self.rotations[link], local)
         return placed
 
-    def points(self, link: Array, local: Array) -> Array:
+    def points(self, link: NDArray[np.int64], local: Array) -> Array:
         """(m, 3, N + 1) the same of points (m, 3) of links (m,)."""
         placed: Array = self.origins[link] + np.einsum("mijx,mj->mix", self.rotations[link], local)
         return placed
@@ -206,43 +215,38 @@ class MechanismLift:
 
     def lift(self, q: Array) -> Array:
         """The variables (N,) of a configuration (size,)."""
-        return self.of_placed(place(self.mechanism, q))
-
-    def of_placed(self, placed: Placed) -> Array:
-        """The same of links that are placed."""
-        x = np.zeros(self.size)
-        R = self._node_rotations(placed.R)
-        for n, at in self.full.items():
-            x[at : at + self.form.size] = self.form.lift(R[n])
-        for n, at in self.planar.items():
-            x[at : at + 2] = self._angle(n, R[n])
-        for k, at in self.floating.items():
-            x[at : at + 3] = placed.p[k + 1]
-        for k, slide in self.slides.items():
-            value = float(placed.q[self.mechanism.value_slices[k]][0])
-            t = (value - slide.lower) / (slide.upper - slide.lower)
-            kind, at = self.nodes.nodes[slide.node].kind, slide.start
-            if kind == "full":
-                first = self.full[slide.node]
-                x[at : at + self.form.size] = t * x[first : first + self.form.size]
-            else:
-                x[at] = t
-            if kind == "planar":
-                x[at + 1 : at + 3] = t * self._angle(slide.node, R[slide.node])
-        for edge, at in self.edges.values():
-            x[at : at + edge.size] = edge.lift(placed)
+        placed = place(self.mechanism, q)
+        x: Array = self.lift_many(q[None], placed.R[None], placed.p[None])[0]
         return x
 
-    def _node_rotations(self, link_rotations: Array) -> Array:
-        """(nodes, 3, 3) of link rotations (links, 3, 3)."""
-        first = [int(np.argmax(self.nodes.of_link == n)) for n in range(len(self.nodes.nodes))]
-        rotations: Array = link_rotations[first] @ np.swapaxes(self.nodes.C[first], 1, 2)
-        return rotations
-
-    def _angle(self, n: int, R: Array) -> Array:
-        node = self.nodes.nodes[n]
-        M = node.P.T @ R @ node.S.T
-        return np.array([M[0, 0], M[1, 0]])
+    def lift_many(self, q: Array, R: Array, p: Array) -> Array:
+        """The variables (m, N) of configurations (m, size), with links placed at (m, links, 3, 3) and (m, links, 3)."""
+        x = np.zeros((len(q), self.size))
+        turned = R[:, self._first] @ np.swapaxes(self.nodes.C[self._first], 1, 2)
+        for n, at in self.full.items():
+            x[:, at : at + self.form.size] = self.form.lift(turned[:, n])
+        for n, at in self.planar.items():
+            node = self.nodes.nodes[n]
+            column = (turned[:, n] @ node.S[0]) @ node.P
+            x[:, at : at + 2] = column[:, :2]
+        for k, at in self.floating.items():
+            x[:, at : at + 3] = p[:, k + 1]
+        for k, slide in self.slides.items():
+            value = q[:, self.mechanism.value_slices[k].start]
+            t, at = ((value - slide.lower) / (slide.upper - slide.lower))[:, None], slide.start
+            kind = self.nodes.nodes[slide.node].kind
+            if kind == "full":
+                first = self.full[slide.node]
+                x[:, at : at + self.form.size] = t * x[:, first : first + self.form.size]
+            else:
+                x[:, at : at + 1] = t
+            if kind == "planar":
+                first = self.planar[slide.node]
+                x[:, at + 1 : at + 3] = t * x[:, first : first + 2]
+        for edge, at in self.edges.values():
+            for row, placed in zip(x, R, strict=True):
+                row[at : at + edge.size] = edge.lift(placed)
+        return x
 
     def read(self, x: Array) -> Array:
         """The configuration (size,) nearest to variables (N,) whose blocks have rank 1, or nearly so."""

@@ -141,12 +141,15 @@ class Program:
         for rows in (*self._rows, *self._cuts):
             if rows.cone == "zero":
                 continue
-            if not _keeps(rows.cone, rows.rows @ one, slack):
+            if not keeps(rows.cone, rows.rows @ one, slack):
                 return False
         return True
 
 
-def _keeps(cone: ConeName, values: Array, slack: float) -> bool:
+def keeps(cone: ConeName, values: Array, slack: float) -> bool:
+    """Whether values are in a cone, but for a slack."""
+    if cone == "zero":
+        return bool(np.abs(values).max() <= slack)
     if cone == "nonneg":
         return bool(values.min() >= -slack)
     if cone == "soc":

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workcell.ik.ikspark.mechanisms.lift import MechanismLift
+from workcell.ik.ikspark.mechanisms.blocks import Blocks, linearise
 from workcell.ik.ikspark.mechanisms.program import Program
 from workcell.ik.ikspark.rank import LONGEST, RANK_GAP
 from workcell.ik.shared.convex import SLOW
@@ -38,25 +38,8 @@ class Step:
         return self.x is not None and self.gap < RANK_GAP
 
 
-def linearise(lift: MechanismLift, x: Array) -> tuple[Array, Array]:
-    """Rank gaps (blocks,) at x (N,), and the gradient (N,) of the sum of largest eigenvalues and disc radii."""
-    form, gradient, gaps = lift.form, np.zeros(lift.size), []
-    if lift.full:
-        starts = np.array(list(lift.full.values()))
-        places = starts[:, None] + np.arange(form.size)
-        top, slopes = form.top(x[places])
-        gradient[places] = slopes
-        gaps.append(form.trace - top)
-    if lift.planar:
-        places = np.array(list(lift.planar.values()))[:, None] + np.arange(2)
-        radius = np.linalg.norm(x[places], axis=1)
-        gradient[places] = x[places] / np.maximum(radius, 1e-9)[:, None]
-        gaps.append(1.0 - radius)
-    return np.concatenate([np.zeros(0), *gaps]), gradient
-
-
 def ascend(
-    lift: MechanismLift, program: Program, direction: Array, *, most: int = LONGEST, slow: float = SLOW
+    blocks: Blocks, program: Program, direction: Array, *, most: int = LONGEST, slow: float = SLOW
 ) -> Iterator[Step]:
     """From the point farthest along a direction (N,) upwards; ends at rank 1, or when it is slow."""
     before = np.inf
@@ -68,7 +51,7 @@ def ascend(
         if not solution.usable:
             yield Step(None)
             return
-        gaps, direction = linearise(lift, solution.x)
+        gaps, direction = linearise(blocks, solution.x)
         step = Step(solution.x, float(gaps.max(initial=0.0)), float(gaps.sum()), solution.z)
         yield step
         if step.rank_one or (count > 0 and step.left > slow * before):

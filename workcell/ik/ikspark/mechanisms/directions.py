@@ -1,0 +1,80 @@
+"""Where ascents begin: at the lift of the best of a few random configurations, part by part.
+
+From the lift of a configuration an ascent ends at rank 1 twice as often as from a random direction, from that of the
+best of ten three times as often.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from workcell.ik.ikspark.mechanisms.lift import MechanismLift
+from workcell.ik.ikspark.mechanisms.parts import Part, Parts
+from workcell.ik.mechanisms.sampling import random_configuration
+from workcell.model.mechanism.mechanism import Mechanism
+from workcell.model.mechanism.placing import place_many
+from workcell.pose import Array
+
+DRAWN = 10
+"""Configurations that the best is chosen of."""
+
+
+class Directions:
+    """Directions of one search.
+
+    Args:
+        lift: the variables.
+        parts: what they keep.
+        rng: draws.
+    """
+
+    def __init__(self, lift: MechanismLift, parts: Parts, rng: np.random.Generator) -> None:
+        self._lift, self._rng = lift, rng
+        equal = np.vstack(
+            [one.rows for one in parts.rows if one.cone == "zero"] or [np.zeros((0, lift.size + 1))]
+        )
+        self._equal = {
+            part.columns.tobytes(): equal[np.any(equal[:, part.columns] != 0.0, axis=1)]
+            for part in parts.parts
+        }
+        self._drawn: Array | None = None
+
+    def draw(self) -> None:
+        """Draw new configurations, for all parts."""
+        self._drawn = None
+
+    def of(self, part: Part) -> Array:
+        """(k,) the part's variables of the configuration that misses least of its equalities."""
+        if self._drawn is None:
+            self._drawn = self._lift.lift_many(*self._configurations())
+        rows = self._equal[part.columns.tobytes()]
+        off = self._drawn @ rows[:, :-1].T + rows[:, -1]
+        best: Array = self._drawn[int(np.argmin(np.einsum("mr,mr->m", off, off))), part.columns]
+        return best
+
+    def _configurations(self) -> tuple[Array, Array, Array]:
+        """Random configurations with links placed, floating bodies where the first tie to each has them."""
+        mechanism = self._lift.mechanism
+        q = np.stack([random_configuration(mechanism, self._rng) for _ in range(DRAWN)])
+        R, p = place_many(mechanism, q)
+        for k in self._lift.floating:
+            tie = _tie_of(mechanism, k)
+            if tie is None:
+                continue
+            (own, F), (other, G) = tie
+            there = R[:, other] @ G + p[:, other]
+            at = mechanism.value_slices[k].start
+            q[:, at : at + 3] = there - R[:, own] @ F
+            R, p = place_many(mechanism, q)
+        return q, R, p
+
+
+def _tie_of(mechanism: Mechanism, free: int) -> tuple[tuple[int, Array], tuple[int, Array]] | None:
+    """(link, point) of a floating body, and of what it is tied to first that it does not carry; None: nothing."""
+    for closure in mechanism.closures:
+        for own, other in ((0, 1), (1, 0)):
+            links = closure.links
+            if links[own] == free + 1 and not mechanism.ancestors[links[other], free]:
+                points = closure.frames[own].position, closure.frames[other].position
+                return (links[own], points[0]), (links[other], points[1])
+    return None

@@ -1,0 +1,278 @@
+"""IKSPARK on mechanisms: rank-1 points of the relaxation are configurations; an empty relaxation proves there is none.
+
+Algorithm 1 with Problem 3 climbs from the ends of directions (`directions`; the first one is the reference's lift,
+where there is one). What a rank-1 point is read as is polished onto the ties, by at most `MAX_POLISH`, and judged. Rows
+enter on the way where spheres touch, and where joints that follow others leave their curve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from workcell import clock
+from workcell.ik.certificate import Certificate
+from workcell.ik.ikspark.mechanisms.avoid import Avoidance
+from workcell.ik.ikspark.mechanisms.blocks import Blocks, linearise
+from workcell.ik.ikspark.mechanisms.claim import certify_empty
+from workcell.ik.ikspark.mechanisms.directions import Directions
+from workcell.ik.ikspark.mechanisms.forms import FormName
+from workcell.ik.ikspark.mechanisms.lift import MechanismLift
+from workcell.ik.ikspark.mechanisms.parts import Part, Parts
+from workcell.ik.ikspark.mechanisms.program import Multipliers, Program
+from workcell.ik.ikspark.mechanisms.rank import Step, ascend
+from workcell.ik.ikspark.mechanisms.reading import off_rotations, read
+from workcell.ik.ikspark.mechanisms.relaxation import Relaxation
+from workcell.ik.ikspark.mechanisms.rows import Rows
+from workcell.ik.ikspark.rank import RANK_GAP
+from workcell.ik.mechanisms.judge import judge_mechanism
+from workcell.ik.mechanisms.polish import polish_mechanism
+from workcell.ik.mechanisms.problem import MechanismProblem
+from workcell.ik.mechanisms.result import MechanismCandidate
+from workcell.ik.problem import Budget
+from workcell.ik.result import NEAR_MISSES
+from workcell.ik.shared.convex import MAX_POLISH, MOST_FAILURES
+from workcell.ik.stages import StageLog
+from workcell.pose import Array
+
+if TYPE_CHECKING:
+    from workcell.ik.ikspark.mechanisms.user import UserRows
+
+CUTS = "ikspark+cuts"
+"""The name of answers for which planes that touch obstacles kept spheres off."""
+PROGRAMS_A_SECOND = 200
+"""Cone programs, with what goes on between them, that one quiet core does in a second."""
+_SLOW: Mapping[FormName, float] = MappingProxyType({"quaternion": 0.75, "rotation": 0.9})
+"""An ascent ends when a step leaves more than this of what is to vanish: a new start is worth more."""
+_TIGHT = 1e-10
+"""Clarabel's tolerance for the last point of all."""
+_ROUNDS = 12
+"""Ascents of one restart with ever more rows, where spheres touch or curves are left."""
+
+
+def solve_mechanism_ikspark(
+    problem: MechanismProblem, budget: Budget, seed: int = 0, *, form: FormName = "quaternion"
+) -> MechanismCandidate:
+    """Look for a configuration, or for a proof that there is none, until the budget is spent.
+
+    Args:
+        problem: the question.
+        budget: CPU seconds, and work in cone programs.
+        seed: of the random directions.
+        form: of the lift.
+
+    Raises:
+        InputError: a user's constraint that is not convex; ModelError: ties that contradict each other.
+    """
+    return _Search(problem, budget, seed, form).run()
+
+
+class _Search:
+    def __init__(self, problem: MechanismProblem, budget: Budget, seed: int, form: FormName) -> None:
+        self.problem = problem
+        self._deadline = clock.cpu_seconds() + budget.cpu_s
+        self._most = budget.work(PROGRAMS_A_SECOND)
+        self.stages, self.rejected = StageLog(), list[str]()
+        self.relaxation = Relaxation.of(problem, form)
+        self.lift, self.blocks = self.relaxation.lift, self.relaxation.lift.blocks
+        self.parts = Parts.of(self.relaxation, _user_rows(problem, self.lift))
+        self._directions = Directions(self.lift, self.parts, np.random.default_rng(seed))
+        spheres = problem.cover is not None and len(problem.cover) > 0
+        self._avoid = Avoidance(problem, self.lift) if spheres else None
+        self._user = user_judge(problem)
+        self._curve_rows: list[Rows] = []
+        self._sphere_rows: list[Rows] = []
+        counts = ("restarts", "rank_one", "rank_gap", "moved", "off_rotations", "cuts")
+        self.stats = dict.fromkeys(counts, 0.0)
+        self.stages.add("set-up", note=f"{self.lift.size} variables in {len(self.parts.parts)} part(s)")
+
+    def run(self) -> MechanismCandidate:
+        """Restart until an answer, a proof, or the end of the budget."""
+        if self.parts.whole.contradiction is not None:
+            self._note("what is asked for contradicts what the mechanism is tied to")
+            return self._nothing(self._proof(self.parts.whole.contradiction))
+        failures, error = 0, None
+        while not self._over():
+            found = self._whole_point()
+            if isinstance(found, MechanismCandidate):
+                return found
+            if found is None:
+                failures += not self._over()
+                if failures == MOST_FAILURES:
+                    error = "Clarabel found neither a point of the relaxation nor a proof that it is empty"
+                    break
+                continue
+            q = self._read(found)
+            q = self._cut_off(found) if q is None else q
+            if q is not None:
+                stages, rejected = self.stages.stages, tuple(self.rejected)
+                by = CUTS if self._avoid is not None and self._avoid.by_planes else ""
+                return MechanismCandidate(q, None, self._counted(), rejected, None, stages, by=by)
+        return self._nothing(None, error)
+
+    def _whole_point(self) -> Step | MechanismCandidate | None:
+        """A point at which all parts have rank 1; or that there is none; or None: the budget or Clarabel failed."""
+        x, gap = np.nan_to_num(self.parts.fixed), 0.0
+        left = list(self.parts.parts)
+        while left:
+            for part in tuple(left):  # in turns: what one of them can't do needs no answer of the others
+                if self._over():
+                    return None
+                self.stats["restarts"] += 1
+                step = self._climb(part.blocks, part.program, self._direction(part))
+                if step.empty and step.z is not None:
+                    return self._empty(part, step.z)
+                if step.x is None:
+                    return None
+                if step.rank_one:
+                    x[part.columns], gap = step.x, max(gap, step.gap)
+                    left.remove(part)
+            self._directions.draw()
+        return Step(x, gap)
+
+    def _empty(self, part: Part, z: Array) -> MechanismCandidate | None:
+        """What is answered where a part is empty."""
+        multipliers = self.parts.multipliers(part, z)
+        if multipliers is None:
+            self._note("with the users' constraints the relaxation is empty")
+            return self._nothing(None)
+        proof = self._proof(multipliers)
+        return None if proof is None else self._nothing(proof)
+
+    def _direction(self, part: Part) -> Array:
+        if self.stats["restarts"] <= len(self.parts.parts) and self.problem.q_reference is not None:
+            return self.lift.lift(self.problem.q_reference)[part.columns]
+        return self._directions.of(part)
+
+    def _climb(self, blocks: Blocks, program: Program, direction: Array) -> Step:
+        last, note = Step(None), f"restart {self.stats['restarts']:.0f}"
+        for count, step in enumerate(ascend(blocks, program, direction, slow=_SLOW[self.lift.form.name])):
+            self.stages.add_point(count, None if step.x is None else step.gap, step.empty, note)
+            last = step
+            if step.x is None or self._over():
+                break
+        return last
+
+    def _cut_off(self, point: Step) -> Array | None:
+        """An accepted configuration near a point that spheres or curves forbid, from ascents with rows that say so."""
+        self._curve_rows, self._sphere_rows = [], []
+        if self._avoid is not None:
+            self._avoid.forget()
+        for _ in range(_ROUNDS):
+            if point.x is None or not point.rank_one or self._over():
+                return None
+            rows = self._broken(point.x)
+            if not rows:
+                return None
+            self.parts.whole.cut(rows)
+            self.stats["cuts"] += 1
+            self.stages.add("rows", note=f"{len(rows)} where spheres touch, or joints leave their curve")
+            point = self._climb_within(linearise(self.blocks, point.x)[1])
+            if point.rank_one and (q := self._read(point)) is not None:
+                self.parts.whole.cut(())
+                return q
+        return None
+
+    def _climb_within(self, direction: Array) -> Step:
+        """An ascent of the whole with the rows so far, and those of curves that it leaves on its way."""
+        last = Step(None)
+        for _ in range(_ROUNDS):
+            last = self._climb(self.blocks, self.parts.whole, direction)
+            if last.x is None or self._over() or not self._leaves_curves(last.x):
+                break
+            self.parts.whole.cut([*self._curve_rows, *self._sphere_rows])
+            direction = linearise(self.blocks, last.x)[1]
+        return last
+
+    def _leaves_curves(self, x: Array) -> bool:
+        found = [row for curve in self.relaxation.curves if (row := curve.cut(x)) is not None]
+        self._curve_rows += found
+        return bool(found)
+
+    def _broken(self, x: Array) -> list[Rows]:
+        """All rows that hold from now on, where the point x breaks some that should; none where it breaks none."""
+        more = self._leaves_curves(x)
+        spheres = None if self._avoid is None else self._avoid.rows(x)
+        self._sphere_rows = self._sphere_rows if spheres is None else spheres
+        return [*self._curve_rows, *self._sphere_rows] if more or spheres is not None else []
+
+    def _read(self, step: Step) -> Array | None:
+        """The configuration of a rank-1 point, polished, if the judge accepts it."""
+        assert step.x is not None
+        self.stats["rank_one"] += 1
+        x = self._tight(step)
+        polished = polish_mechanism(self.problem, read(self.relaxation, x))
+        self.stages.add("snap", gap=step.gap, note=f"polish moved a joint by {polished.moved:.1e}")
+        if polished.moved > MAX_POLISH:
+            self._note(f"polish moved a joint by {polished.moved:.2g} from a rank-1 point")
+            return None
+        measured = judge_mechanism(self.problem, polished.q, self._user)
+        self.stages.add("judge", note="accepted" if measured.accepted else measured.reasons[0])
+        if not measured.accepted:
+            self._note(measured.reasons[0])
+            return None
+        numbers = {
+            "rank_gap": step.gap,
+            "moved": polished.moved,
+            "off_rotations": off_rotations(self.lift, x),
+        }
+        self.stats.update(numbers)
+        return polished.q
+
+    def _tight(self, step: Step) -> Array:
+        """The rank-1 point once more, to the digits that the ascents were spared."""
+        assert step.x is not None
+        x, direction = np.array(step.x), linearise(self.blocks, step.x)[1]
+        alone = not self._curve_rows and not self._sphere_rows
+        for part in self.parts.parts if alone else ():
+            solution = part.program.solve(-direction[part.columns], tolerance=_TIGHT)
+            if solution.usable:
+                x[part.columns] = solution.x
+        if not alone:
+            solution = self.parts.whole.solve(-direction, tolerance=_TIGHT)
+            x = solution.x if solution.usable else x
+        better = linearise(self.blocks, x)[0].max(initial=0.0) <= max(step.gap, RANK_GAP)
+        return x if better else step.x
+
+    def _proof(self, multipliers: Multipliers) -> Certificate | None:
+        proof = certify_empty(self.problem, multipliers)
+        self.stages.add("proof", note="too weak" if proof is None else "the relaxation is empty")
+        if proof is None:
+            self._note("the relaxation is empty, but not by the margin that the tolerances need")
+        return proof
+
+    def _over(self) -> bool:
+        return clock.cpu_seconds() >= self._deadline or self.parts.solves >= self._most
+
+    def _counted(self) -> dict[str, float]:
+        return {**self.stats, "sdps": float(self.parts.solves)}
+
+    def _nothing(self, certificate: Certificate | None, error: str | None = None) -> MechanismCandidate:
+        stages, rejected = self.stages.stages, tuple(self.rejected)
+        return MechanismCandidate(None, certificate, self._counted(), rejected, error, stages)
+
+    def _note(self, reason: str) -> None:
+        if reason not in self.rejected and len(self.rejected) < NEAR_MISSES:
+            self.rejected.append(reason)
+
+
+def user_judge(problem: MechanismProblem) -> Callable[[Array], list[str]] | None:
+    """Who judges users' constraints; None: there are none."""
+    if not problem.constraints:
+        return None
+    from workcell.ik.ikspark.mechanisms.user import violations
+
+    return partial(violations, problem)
+
+
+def _user_rows(problem: MechanismProblem, lift: MechanismLift) -> UserRows | None:
+    """Users' constraints as rows; cvxpy is imported for them alone."""
+    if not problem.constraints:
+        return None
+    from workcell.ik.ikspark.mechanisms.user import conic_rows
+
+    return conic_rows(problem.constraints, lift)

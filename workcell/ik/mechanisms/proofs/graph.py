@@ -122,7 +122,7 @@ class Graph:
         axis = np.stack([_unit(joint) for joint in joints])
         ends = _intervals(problem)
         middle, half = _angles(joints, ends)
-        helper = np.eye(3)[np.argmin(np.abs(axis), axis=1)]
+        helper = np.eye(3)[np.argmin(np.abs([joint.axis for joint in joints]), axis=1)]
         across = np.cross(helper, axis)
         across /= np.linalg.norm(across, axis=1)[:, None]
         moved = np.cos(middle)[:, None] * across + np.sin(middle)[:, None] * np.cross(axis, across)

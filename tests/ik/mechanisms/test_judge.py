@@ -44,6 +44,7 @@ def test_the_assembly_is_an_answer_and_a_moved_crank_is_none():
         ([1.0, 2.0], "takes 3 finite numbers"),
         ([np.nan, 0.0, 0.0], "takes 3 finite numbers"),
         ([np.inf, 0.0, 0.0], "takes 3 finite numbers"),
+        ([0.0, -1e300, 0.0], "numbers beyond 1e+06 metres and radians"),
         (None, "takes 3 finite numbers"),
         ([[1.0], [2.0, 3.0]], "not a list of numbers"),
         (object(), "not a list of numbers"),

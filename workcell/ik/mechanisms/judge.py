@@ -7,7 +7,7 @@ they come from kinematics and distances that solvers don't have.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 from numpy.polynomial import polynomial
@@ -27,7 +27,8 @@ from workcell.model.mechanism.mechanism import Mechanism
 from workcell.model.robot import LIMIT_SLACK
 from workcell.pose import Array
 
-Places = Mapping[str, tuple[Array, Array]]
+FARTHEST = 1e6
+"""Metres and radians beyond which a number of a configuration can only be a mistake."""
 User = Callable[[Array], list[str]]
 
 
@@ -69,6 +70,8 @@ class MechanismJudge:
             return _refused("the configuration is not a list of numbers")
         except InputError as error:
             return _refused(error.message)
+        if not np.abs(values).max() <= FARTHEST:
+            return _refused(f"the configuration has numbers beyond {FARTHEST:g} metres and radians")
         places = (self._measure or self._exact).frames(self._frames, values)
         goals = [_goal_error(goal, *places[goal.frame]) for goal in self.problem.goals]
         regions = [_outside(region, *places[region.frame]) for region in self.problem.regions]

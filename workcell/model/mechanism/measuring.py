@@ -71,6 +71,7 @@ class MechanismMeasure:
         self._data = mujoco.MjData(self._model)
         self._tied = _constrained(compiled.model)
         self._tied_data = mujoco.MjData(self._tied)
+        self._rows = mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_makeConstraint
         self._equalities = _equalities(mechanism)
         self._own = tuple(closure for closure in mechanism.closures if closure.id < 0)
         self._bodies: dict[int, int] = {
@@ -97,7 +98,8 @@ class MechanismMeasure:
         """
         data = self._tied_data
         data.qpos[:] = self._compiled.qpos(q)
-        self._mujoco.mj_fwdPosition(self._tied, data)
+        for step in self._rows:
+            step(self._tied, data)
         rows = data.efc_type == int(self._mujoco.mjtConstraint.mjCNSTR_EQUALITY)
         found = []
         for equality, name in self._equalities.items():

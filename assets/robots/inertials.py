@@ -18,7 +18,7 @@ import numpy as np
 
 ROBOTS = Path(__file__).resolve().parent
 ARMS = ("sawyer.xml", "ur10.xml", "iiwa14.xml", "baxter_arm.xml", "baxter.xml")
-FILES = (*ARMS, "parallel_gripper.xml", "shadow_hand.xml")
+FILES = (*ARMS, "parallel_gripper.xml", "linkage_gripper.xml", "shadow_hand.xml")
 GEOMETRY = ("type", "size", "pos", "quat", "fromto")
 INERTIAL = re.compile(r"<inertial [^>]*/>")
 

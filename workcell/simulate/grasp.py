@@ -11,6 +11,7 @@ import numpy as np
 
 from workcell.errors import ModelError
 from workcell.model.loading.build import GRASP
+from workcell.model.loops.elements import loop_elements
 from workcell.model.scene_parts import SceneObject, SceneRobot
 from workcell.pose import Array, Pose, read_only
 
@@ -24,7 +25,7 @@ class Hand:
 
     Attributes:
         actuator: its id; `closed` and `open` are its control values.
-        fingers: for each finger, the bodies that move with it.
+        fingers: for each finger, the bodies that move with it, with all that hangs on it or closes a loop with it.
         joints: addresses in qvel of the fingers' joints.
         bodies: all of the robot's own that the tool's link carries: what may touch a held object.
     """
@@ -50,12 +51,12 @@ class Hand:
             for body in sorted(carried)
             if model.body_jntnum[body] > 0 and int(model.body_dofadr[body]) not in arm
         ]
-        if len(roots) < 2 or not low < high:
+        fingers = _fingers(model, carried, roots)
+        if len(fingers) < 2 or not low < high:
             raise ModelError(
-                f"the gripper {robot.gripper!r} has {len(roots)} moving fingers and control range [{low}, {high}]",
+                f"the gripper {robot.gripper!r} has {len(fingers)} moving fingers and control range [{low}, {high}]",
                 remedy="a gripper takes two fingers with a joint each, and a ctrlrange from closed to open",
             )
-        fingers = tuple(frozenset(b for b in carried if _is_under(model, b, root)) for root in roots)
         joints = tuple(int(model.body_dofadr[root]) for root in roots)
         return Hand(actuator, float(low), float(high), fingers, joints, carried)
 
@@ -133,6 +134,20 @@ def _corners(model: mujoco.MjModel, root: int, bodies: Iterable[int]) -> Array:
             centre, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
             found.append(T_root_geom.apply(centre + signs * half))
     return np.concatenate(found)
+
+
+def _fingers(
+    model: mujoco.MjModel, carried: Iterable[int], roots: Iterable[int]
+) -> tuple[frozenset[int], ...]:
+    """Bodies of a hand that move, finger by finger: chains, and what loops tie to them while two fingers are left."""
+    moving = set(roots)
+    first = [root for root in roots if not any(_is_under(model, root, o) for o in moving - {root})]
+    fingers = [frozenset(body for body in carried if _is_under(model, body, root)) for root in first]
+    for element in loop_elements(model):
+        tied = [finger for finger in fingers if finger.intersection(element.bodies)]
+        if len(tied) == 2 and len(fingers) > 2:
+            fingers = [finger for finger in fingers if finger not in tied] + [tied[0] | tied[1]]
+    return tuple(fingers)
 
 
 def _is_under(model: mujoco.MjModel, body: int, root: int) -> bool:

@@ -1,7 +1,7 @@
 """A hand of 24 joints grasps a cube with five fingers, each on the face that is assigned to it, and lifts it.
 
-A contact is a point in a convex region: the centre of the ball in which a finger ends, a radius over its face and inside
-its edges. The fingers come down on the faces gap by gap; then they press, and the wrist lifts what they hold.
+A contact is a point in a convex region: the centre of the ball in which a finger ends, a radius over its face and
+inside its edges. The fingers come down on the faces gap by gap; then they press, and the wrist lifts what they hold.
 """
 
 from dataclasses import replace

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from workcell.ik.mechanisms.result import Measured
-from workcell.model.mechanism.following import given_rates
-from workcell.model.mechanism.placing import difference
+from workcell.model.mechanism.following import given_joints
 from workcell.motion.mechanisms.path import MechanismMotion
 from workcell.pose import Array
 
@@ -50,22 +49,21 @@ def look_along(motion: MechanismMotion, measure: Measure, spacing: float) -> Loo
 
     Both ends are looked at. A spacing that a single time step exceeds looks at every step.
     """
-    columns = given_rates(motion.mechanism)
+    motors = [motion.mechanism.value_slices[k].start for k in given_joints(motion.mechanism)]
+    values = motion.q[:, motors]
     worst_tie, least, apart = 0.0, np.inf, 0.0
     times: list[float] = []
-    before: Array | None = None
+    before = 0
     for k, q in enumerate(motion.q):
-        last = k == len(motion) - 1
-        if before is not None:
-            ahead = motion.q[min(k + 1, len(motion) - 1)]
-            step = np.abs(difference(motion.mechanism, before, ahead)[columns]).max(initial=0.0)
-            if step <= spacing and not last:
+        if times:
+            ahead = min(k + 1, len(motion) - 1)
+            step = np.abs(values[ahead] - values[before]).max(initial=0.0)
+            if step <= spacing and k < len(motion) - 1:
                 continue
-            here = np.abs(difference(motion.mechanism, before, q)[columns]).max(initial=0.0)
-            apart = max(apart, float(here))
+            apart = max(apart, float(np.abs(values[k] - values[before]).max(initial=0.0)))
         seen = measure(q)
         times.append(float(motion.time[k]))
-        before = q
+        before = k
         worst_tie, least = max(worst_tie, seen.closure_error), min(least, seen.clearance.distance)
         if not seen.accepted:
             reason = f"at {times[-1]:.2f} s: {'; '.join(seen.reasons)}"

@@ -1,16 +1,17 @@
 """A mechanism's way over time: one path parameter, at rest at both ends, within the limits of its motors.
 
 All joints go along a C2 spline through the waypoints (`workcell.motion.timing.spline`), as fast as the velocities and
-accelerations of those that motors move allow (`workcell.motion.timing.phase_plane`). Every few time steps the ties are
-closed: by the joints that nothing drives alone, where they leave the driven ones free. Between these moments the joints
-are C2 splines of time. What the motion then takes, and how fast it moves frames, is measured on its samples, and it is
-slowed down by the factor that is missing.
+accelerations of those that motors move allow (`workcell.motion.timing.phase_plane`). At places close to each other the
+ties are closed: by the joints that nothing drives alone, where they leave the driven ones free; between them the joints
+are a C2 spline again. What the motion takes, and how fast it moves frames, is measured on its samples, and it is slowed
+down by the factor that is missing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,11 +25,14 @@ from workcell.motion.timing.phase_plane import PhaseRows, Timing, fastest_square
 from workcell.motion.timing.spline import SMALLEST, JointSpline
 from workcell.pose import Array
 
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+
 Share = Callable[[MechanismMotion], float]
 """The largest share of what its motors can give that a motion takes."""
 
-_KNOT_S = 0.01
-"""Seconds between the moments at which the ties are closed."""
+_KNOT = 0.015
+"""By how much numbers of a configuration change from one place at which the ties are closed to the next."""
 _GRID = 300
 _TWIN = 1e-6
 """Waypoints whose motors differ by less are one."""
@@ -73,10 +77,10 @@ def time_mechanism(
     """
     way = _Way.of(path)
     velocity, acceleration = _checked(path.mechanism, limits)
-    timing = _fastest(way, velocity, acceleration, limits.frame_speed, smoothing_s)
+    timing, curve = _fastest(way, velocity, acceleration, limits.frame_speed, smoothing_s), way.curve()
     slower = _ROOM
     for _ in range(_ROUNDS):
-        motion = way.sampled(timing, slower, dt)
+        motion = _sampled(way.mechanism, curve, timing, slower, dt)
         excess = _excess(motion, way.motors, velocity, acceleration, limits.frame_speed)
         if share is not None:
             excess = max(excess, float(np.sqrt(min(share(motion), 16.0))))
@@ -133,21 +137,31 @@ class _Way:
             )
         return found.q
 
-    def sampled(self, timing: Timing, slower: float, dt: float) -> MechanismMotion:
-        """The motion slowed down by a factor, its duration a multiple of `dt`."""
+    def curve(self) -> CubicSpline:
+        """A C2 spline (size,) over the same parameter in whose knots, close to each other, the ties hold."""
         from scipy.interpolate import CubicSpline
 
-        steps = max(int(np.ceil(timing.duration * slower / dt - 1e-9)), 2)
-        duration = steps * dt
-        count = max(int(np.ceil(duration / _KNOT_S)), 2)
-        moments = np.linspace(0.0, duration, count + 1)
-        s = timing.at(moments * timing.duration / duration)[0]
+        changes = np.abs(np.diff(self.spline.points, axis=0)).max(axis=1)
+        counts = np.maximum(np.ceil(changes / _KNOT).astype(int), 2)
+        parts = [
+            np.linspace(a, b, count, endpoint=False)
+            for a, b, count in zip(self.spline.knots[:-1], self.spline.knots[1:], counts, strict=True)
+        ]
+        s = np.concatenate([*parts, self.spline.knots[-1:]])
         guesses = _united(self.mechanism, self.spline.derivatives(s)[0])
         knots = np.array([self.closed(float(a), b) for a, b in zip(s, guesses, strict=True)])
         _align(self.mechanism, knots)
-        time: Array = dt * np.arange(steps + 1, dtype=float)
-        q = CubicSpline(moments, knots, bc_type="clamped")(np.minimum(time, duration))
-        return MechanismMotion(self.mechanism, time, _united(self.mechanism, q))
+        return CubicSpline(s, knots)
+
+
+def _sampled(
+    mechanism: Mechanism, curve: CubicSpline, timing: Timing, slower: float, dt: float
+) -> MechanismMotion:
+    """The motion slowed down by a factor, its duration a multiple of `dt`."""
+    steps = max(int(np.ceil(timing.duration * slower / dt - 1e-9)), 2)
+    time: Array = dt * np.arange(steps + 1, dtype=float)
+    s = np.clip(timing.at(time * (timing.duration / (steps * dt)))[0], curve.x[0], curve.x[-1])
+    return MechanismMotion(mechanism, time, _united(mechanism, curve(s)))
 
 
 def _checked(mechanism: Mechanism, limits: MotionLimits) -> tuple[Array, Array]:

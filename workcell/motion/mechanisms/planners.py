@@ -10,15 +10,13 @@ from workcell.ik.mechanisms.problem import MechanismProblem
 from workcell.ik.mechanisms.result import MechanismResult
 from workcell.ik.observing import report
 from workcell.ik.problem import POSE_BUDGET, Budget
-from workcell.ik.registry import AUTO, load
+from workcell.ik.registry import AUTO
 from workcell.ik.result import Status
 from workcell.ik.stages import SolverStage
 from workcell.motion.mechanisms.follow import MechanismSolver
 
-LOCAL, CONVEX = "local", "ikspark"
-SOLVE = "workcell.ik.solve_mechanism:solve_mechanism"
-"""The function that answers; conic solvers are imported when it is first called."""
-MECHANISM_PLANNERS = (CONVEX, AUTO)
+LOCAL = "local"
+MECHANISM_PLANNERS = ("ikspark", AUTO)
 """Planners that know mechanisms."""
 
 
@@ -26,7 +24,7 @@ def mechanism_solver(planner: str, budget: Budget | None = None, seed: int = 0) 
     """The answers of a planner.
 
     With `ikspark` all of them are its own; with `auto` a step is looked for downhill from the configuration before it
-    first, and it is asked where that fails.
+    first, and all solvers are asked in turns where that fails.
 
     Raises:
         InputError: a planner that knows no mechanisms.
@@ -36,18 +34,19 @@ def mechanism_solver(planner: str, budget: Budget | None = None, seed: int = 0) 
             f"{planner} plans arms, not mechanisms", where="planner", remedy=" or ".join(MECHANISM_PLANNERS)
         )
 
-    def convex(problem: MechanismProblem) -> MechanismResult:
-        result: MechanismResult = load(SOLVE)(problem, solver=CONVEX, budget=budget or POSE_BUDGET, seed=seed)
-        return result
+    def answer(problem: MechanismProblem) -> MechanismResult:
+        from workcell.ik.solve_mechanism import solve_mechanism
+
+        return solve_mechanism(problem, solver=planner, budget=budget or POSE_BUDGET, seed=seed)
 
     def either(problem: MechanismProblem) -> MechanismResult:
         found = downhill(problem)
         if found is None:
-            return convex(problem)
+            return answer(problem)
         report(problem, found)
         return found
 
-    return convex if planner == CONVEX else either
+    return either if planner == AUTO else answer
 
 
 def downhill(problem: MechanismProblem) -> MechanismResult | None:

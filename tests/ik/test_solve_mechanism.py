@@ -1,4 +1,4 @@
-"""Questions about mechanisms are answered by configurations that MuJoCo has nothing against, or by checked proofs."""
+"""Answers about mechanisms are configurations that MuJoCo has nothing against, or proofs that are checked."""
 
 import mujoco
 import numpy as np

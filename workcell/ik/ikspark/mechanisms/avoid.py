@@ -1,4 +1,4 @@
-"""Spheres of a mechanism that must keep clear, as rows that are added where they don't: obstacles, and each other.
+"""Spheres of a mechanism that must keep clear of obstacles and of each other: rows that enter where they don't.
 
 A sphere that touches an obstacle is put into the region of free space that it sticks out of least, if the problem has
 any, and the faces of that region that it breaks become rows (the branch of Eq. 71 in which its delta is one); where it

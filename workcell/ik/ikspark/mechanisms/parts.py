@@ -1,7 +1,6 @@
 """Parts of a relaxation that no row ties together, each solved by itself: two arms that hold what has a goal.
 
-Variables that an equality of their own determines, such as the origin of a floating body with a goal, tie nothing
-together: they are put in.
+The origin of a floating body that a goal determines ties nothing together: it is put in.
 """
 
 from __future__ import annotations
@@ -59,7 +58,8 @@ class Parts:
         """The parts of a relaxation; users' rows tie all of them together."""
         lift, rows = relaxation.lift, relaxation.rows
         whole = Program(lift.size, rows, extra)
-        fixed = _fixed(rows, lift.size) if extra is None else np.full(lift.size, np.nan)
+        floating = [at + k for at in lift.floating.values() for k in range(3)] if extra is None else []
+        fixed = _fixed(rows, lift.size, floating)
         label = np.zeros(lift.size, dtype=np.int64) if extra is not None else _components(rows, fixed)
         parts = []
         for number in range(int(label.max(initial=-1)) + 1):
@@ -91,8 +91,8 @@ class Parts:
         return found
 
 
-def _fixed(rows: Sequence[Rows], size: int) -> Array:
-    """(N,) values of variables that an equality with no other variable determines; nan of the others."""
+def _fixed(rows: Sequence[Rows], size: int, among: Sequence[int]) -> Array:
+    """(N,) values of those of some variables that an equality with no other one determines; nan of the others."""
     values = np.full(size, np.nan)
     for one in rows:
         if one.cone != "zero":
@@ -100,7 +100,8 @@ def _fixed(rows: Sequence[Rows], size: int) -> Array:
         count = (np.abs(one.rows[:, :-1]) > _NONE).sum(axis=1)
         for row in one.rows[count == 1]:
             column = int(np.argmax(np.abs(row[:-1])))
-            values[column] = -row[-1] / row[column]
+            if column in among:
+                values[column] = -row[-1] / row[column]
     return values
 
 

@@ -1,4 +1,4 @@
-"""IKSPARK on mechanisms: rank-1 points of the relaxation are configurations; an empty relaxation proves there is none.
+"""IKSPARK on mechanisms: rank-1 points are configurations, and an empty relaxation proves that there is none.
 
 Algorithm 1 with Problem 3 climbs from the ends of directions (`directions`; the first one is the reference's lift,
 where there is one). What a rank-1 point is read as is polished onto the ties, by at most `MAX_POLISH`, and judged. Rows

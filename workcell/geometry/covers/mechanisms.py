@@ -76,14 +76,16 @@ def apart_pairs(
     if not len(configurations):
         raise InputError("no configurations tell nothing", where="configurations")
     pairs, links = _candidates(cover, sphere_geoms(mechanism, cover), may_collide)
-    always = np.ones(len(pairs), dtype=bool)
+    always = np.arange(len(pairs))
     for q in configurations:
-        always &= _gaps(mechanism, cover, pairs, q) <= 0.0
+        always = always[_gaps(mechanism, cover, pairs[always], q) <= 0.0]
     tolerated = np.zeros(len(pairs), dtype=bool)
     for q in () if known_free is None else known_free:
         tolerated |= _gaps(mechanism, cover, pairs, q) <= 0.0
-    tolerated &= ~always
-    return SelfCollisionPairs(pairs[~always & ~tolerated], pairs[always], pairs[tolerated], links=links)
+    tolerated[always] = False
+    kept = ~tolerated
+    kept[always] = False
+    return SelfCollisionPairs(pairs[kept], pairs[always], pairs[tolerated], links=links)
 
 
 def _candidates(
@@ -98,7 +100,8 @@ def _candidates(
             may[place[one], place[two]] = may[place[two], place[one]] = True
     meets = may[index[:, None], index[None, :]] & (cover.link[:, None] < cover.link[None, :])
     found = np.argwhere(meets).astype(np.int64)
-    return found, tuple(sorted({(int(a), int(b)) for a, b in cover.link[found].tolist()}))
+    links = np.unique(cover.link[found].reshape(-1, 2), axis=0)
+    return found, tuple((int(a), int(b)) for a, b in links.tolist())
 
 
 def _gaps(mechanism: Mechanism, cover: SphereCover, pairs: NDArray[np.int64], q: Array) -> Array:

@@ -6,10 +6,15 @@ best of ten three times as often.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from workcell.ik.ikspark.mechanisms.lift import MechanismLift
 from workcell.ik.ikspark.mechanisms.parts import Part, Parts
+from workcell.ik.mechanisms.check import asked_for
+from workcell.ik.mechanisms.problem import MechanismProblem
+from workcell.ik.mechanisms.proofs.graph import Graph
 from workcell.ik.mechanisms.sampling import random_configuration
 from workcell.model.mechanism.mechanism import Mechanism
 from workcell.model.mechanism.placing import place_many
@@ -26,9 +31,12 @@ class Directions:
         lift: the variables.
         parts: what they keep.
         rng: draws.
+        loose: free joints whose bodies may be anywhere: no point of theirs is farthest along a direction.
     """
 
-    def __init__(self, lift: MechanismLift, parts: Parts, rng: np.random.Generator) -> None:
+    def __init__(
+        self, lift: MechanismLift, parts: Parts, rng: np.random.Generator, loose: Collection[int] = ()
+    ) -> None:
         self._lift, self._rng = lift, rng
         equal = np.vstack(
             [one.rows for one in parts.rows if one.cone == "zero"] or [np.zeros((0, lift.size + 1))]
@@ -38,6 +46,9 @@ class Directions:
             for part in parts.parts
         }
         self._drawn: Array | None = None
+        self._bounded = np.ones(lift.size)
+        for k in loose:
+            self._bounded[lift.floating[k] : lift.floating[k] + 3] = 0.0
 
     def draw(self) -> None:
         """Draw new configurations, for all parts."""
@@ -49,8 +60,12 @@ class Directions:
             self._drawn = self._lift.lift_many(*self._configurations())
         rows = self._equal[part.columns.tobytes()]
         off = self._drawn @ rows[:, :-1].T + rows[:, -1]
-        best: Array = self._drawn[int(np.argmin(np.einsum("mr,mr->m", off, off))), part.columns]
-        return best
+        return self.towards(part, self._drawn[int(np.argmin(np.einsum("mr,mr->m", off, off)))])
+
+    def towards(self, part: Part, x: Array) -> Array:
+        """(k,) the direction of a point (N,), as far as a part goes and is bounded."""
+        direction: Array = (self._bounded * x)[part.columns]
+        return direction
 
     def _configurations(self) -> tuple[Array, Array, Array]:
         """Random configurations with links placed, floating bodies where the first tie to each has them."""
@@ -67,6 +82,16 @@ class Directions:
             q[:, at : at + 3] = there - R[:, own] @ F
             R, p = place_many(mechanism, q)
         return q, R, p
+
+
+def loose(problem: MechanismProblem) -> list[int]:
+    """Free joints whose bodies neither ties nor goals keep within reach of the world."""
+    reach = Graph.of(problem, asked_for(problem)).reach
+    return [
+        k
+        for k, joint in enumerate(problem.mechanism.joints)
+        if joint.kind == "free" and not np.isfinite(reach[k + 1])
+    ]
 
 
 def _tie_of(mechanism: Mechanism, free: int) -> tuple[tuple[int, Array], tuple[int, Array]] | None:

@@ -19,7 +19,7 @@ from workcell.ik.certificate import Certificate
 from workcell.ik.ikspark.mechanisms.avoid import Avoidance
 from workcell.ik.ikspark.mechanisms.blocks import Blocks, linearise
 from workcell.ik.ikspark.mechanisms.claim import certify_empty
-from workcell.ik.ikspark.mechanisms.directions import Directions
+from workcell.ik.ikspark.mechanisms.directions import Directions, loose
 from workcell.ik.ikspark.mechanisms.forms import FormName
 from workcell.ik.ikspark.mechanisms.lift import MechanismLift
 from workcell.ik.ikspark.mechanisms.parts import Part, Parts
@@ -80,7 +80,7 @@ class _Search:
         self.relaxation = Relaxation.of(problem, form)
         self.lift, self.blocks = self.relaxation.lift, self.relaxation.lift.blocks
         self.parts = Parts.of(self.relaxation, _user_rows(problem, self.lift))
-        self._directions = Directions(self.lift, self.parts, np.random.default_rng(seed))
+        self._directions = Directions(self.lift, self.parts, np.random.default_rng(seed), loose(problem))
         spheres = problem.cover is not None and len(problem.cover) > 0
         self._avoid = Avoidance(problem, self.lift) if spheres else None
         self._user = user_judge(problem)
@@ -145,7 +145,7 @@ class _Search:
 
     def _direction(self, part: Part) -> Array:
         if self.stats["restarts"] <= len(self.parts.parts) and self.problem.q_reference is not None:
-            return self.lift.lift(self.problem.q_reference)[part.columns]
+            return self._directions.towards(part, self.lift.lift(self.problem.q_reference))
         return self._directions.of(part)
 
     def _climb(self, blocks: Blocks, program: Program, direction: Array) -> Step:

@@ -22,6 +22,8 @@ from workcell.pose import Array
 
 DRAWN = 10
 """Configurations that the best is chosen of."""
+_TURNED = 0.15
+"""Metres that a radian between two links counts as: places matter more."""
 
 
 class Directions:
@@ -38,9 +40,12 @@ class Directions:
         self, lift: MechanismLift, parts: Parts, rng: np.random.Generator, loose: Collection[int] = ()
     ) -> None:
         self._lift, self._rng = lift, rng
-        equal = np.vstack(
-            [one.rows for one in parts.rows if one.cone == "zero"] or [np.zeros((0, lift.size + 1))]
-        )
+        weighed = [
+            one.rows * (_TURNED if one.family in ("axis", "weld", "rotation") else 1.0)
+            for one in parts.rows
+            if one.cone == "zero"
+        ]
+        equal = np.vstack(weighed or [np.zeros((0, lift.size + 1))])
         self._equal = {
             part.columns.tobytes(): equal[np.any(equal[:, part.columns] != 0.0, axis=1)]
             for part in parts.parts

@@ -46,7 +46,7 @@ CUTS = "ikspark+cuts"
 """The name of answers for which planes that touch obstacles kept spheres off."""
 PROGRAMS_A_SECOND = 200
 """Cone programs, with what goes on between them, that one quiet core does in a second."""
-_SLOW: Mapping[FormName, float] = MappingProxyType({"quaternion": 0.75, "rotation": 0.9})
+_SLOW: Mapping[FormName, float] = MappingProxyType({"quaternion": 0.8, "rotation": 0.95})
 """An ascent ends when a step leaves more than this of what is to vanish: a new start is worth more."""
 _TIGHT = 1e-10
 """Clarabel's tolerance for the last point of all."""

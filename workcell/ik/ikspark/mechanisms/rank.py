@@ -13,6 +13,11 @@ from workcell.ik.ikspark.rank import LONGEST, RANK_GAP
 from workcell.ik.shared.convex import SLOW
 from workcell.pose import Array
 
+STEADIEST = 0.8
+"""Largest ratio of two changes of the gradient from which a limit is guessed."""
+STRAIGHT = 0.95
+"""Least cosine of the angle between them."""
+
 
 @dataclass(frozen=True, slots=True)
 class Step:
@@ -41,8 +46,11 @@ class Step:
 def ascend(
     blocks: Blocks, program: Program, direction: Array, *, most: int = LONGEST, slow: float = SLOW
 ) -> Iterator[Step]:
-    """From the point farthest along a direction (N,) upwards; ends at rank 1, or when it is slow."""
-    before = np.inf
+    """From the point farthest along a direction (N,) upwards; ends at rank 1, or when it is slow.
+
+    Where gradients settle geometrically, as with slides, the next step is made along their limit (Aitken's).
+    """
+    before, slopes, ahead = np.inf, list[Array](), False
     for count in range(most):
         solution = program.solve(-direction)
         if solution.status == "infeasible":
@@ -51,9 +59,29 @@ def ascend(
         if not solution.usable:
             yield Step(None)
             return
-        gaps, direction = linearise(blocks, solution.x)
+        gaps, gradient = linearise(blocks, solution.x)
         step = Step(solution.x, float(gaps.max(initial=0.0)), float(gaps.sum()), solution.z)
         yield step
-        if step.rank_one or (count > 0 and step.left > slow * before):
+        if step.rank_one:
             return
-        before = step.left
+        if ahead and step.left > before:  # the limit was none: on from where it was guessed
+            direction, slopes, ahead = slopes[-1], [], False
+            continue
+        if count > 0 and step.left > slow * before:
+            return
+        before, slopes = step.left, [*slopes[-2:], gradient] if not ahead else [gradient]
+        limit = _limit(slopes)
+        direction, ahead = (gradient, False) if limit is None else (limit, True)
+
+
+def _limit(slopes: list[Array]) -> Array | None:
+    """Where the last three gradients lead to, if they go there geometrically; None: they don't."""
+    if len(slopes) < 3:
+        return None
+    one, two = slopes[1] - slopes[0], slopes[2] - slopes[1]
+    long, short = float(np.linalg.norm(one)), float(np.linalg.norm(two))
+    if not 0.0 < short < STEADIEST * long or float(one @ two) < STRAIGHT * long * short:
+        return None
+    ratio = short / long
+    limit: Array = slopes[2] + ratio / (1.0 - ratio) * two
+    return limit

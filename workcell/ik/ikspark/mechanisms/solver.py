@@ -48,6 +48,8 @@ PROGRAMS_A_SECOND = 200
 """Cone programs, with what goes on between them, that one quiet core does in a second."""
 _SLOW: Mapping[FormName, float] = MappingProxyType({"quaternion": 0.8, "rotation": 0.95})
 """An ascent ends when a step leaves more than this of what is to vanish: a new start is worth more."""
+_EXACT = 2e-7
+"""Rank gap below which rotations are exact enough."""
 _TIGHT = 1e-10
 """Clarabel's tolerance for the last point of all."""
 _ROUNDS = 12
@@ -224,8 +226,10 @@ class _Search:
         return polished.q
 
     def _tight(self, step: Step) -> Array:
-        """The rank-1 point once more, to the digits that the ascents were spared."""
+        """The rank-1 point once more, to the digits that the ascents were spared, unless it has them."""
         assert step.x is not None
+        if step.gap < _EXACT:
+            return step.x
         x, direction = np.array(step.x), linearise(self.blocks, step.x)[1]
         alone = not self._curve_rows and not self._sphere_rows
         for part in self.parts.parts if alone else ():

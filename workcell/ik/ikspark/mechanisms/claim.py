@@ -21,7 +21,6 @@ from workcell.ik.mechanisms.check import (
     SCOPE,
     asked_for,
     check_cost,
-    check_mechanism,
     cost_bound,
     margin,
 )
@@ -29,7 +28,7 @@ from workcell.ik.mechanisms.hashing import mechanism_hash
 from workcell.ik.mechanisms.problem import MechanismProblem
 from workcell.ik.mechanisms.proofs.graph import Graph, unsuited
 from workcell.ik.mechanisms.proofs.hangs import Hangs
-from workcell.ik.mechanisms.proofs.multipliers import Multipliers
+from workcell.ik.mechanisms.proofs.multipliers import Multipliers, misplaced
 from workcell.ik.mechanisms.proofs.sums import Sum
 from workcell.ik.mechanisms.proofs.words import nothing_is_closer, nothing_reaches
 from workcell.pose import Array
@@ -65,13 +64,12 @@ def certify_empty(
         for completed in [_completed(problem, graph, m, by, covered)]
     ]
     found, best, by = max(tried, key=lambda each: each[0])
-    if not found > 0.0:
+    if not found > 0.0 or misplaced(problem, best) is not None:
         return None
     words = nothing_reaches(problem, covered)
-    certificate = Certificate(
+    return Certificate(
         KIND, SCOPE, words, found, mechanism_hash(problem), _data(best.scaled() or best, by, covered)
     )
-    return certificate if check_mechanism(problem, certificate) is None else None
 
 
 def certify_cost(problem: MechanismProblem, g: Array, multipliers: Duals) -> tuple[float, Certificate] | None:

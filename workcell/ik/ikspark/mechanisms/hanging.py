@@ -86,6 +86,7 @@ def _spread(
     for node, g in goals.items():
         by[node] = first + g
     taken, ways = {WORLD, *goals}, _ways(problem, graph)
+    hangs = Hangs(problem, graph, by, 0.0, reached)
     for roots in order:
         queue = deque((root, root) for root in roots)
         while queue:
@@ -94,9 +95,9 @@ def _spread(
                 turns = way < graph.joints
                 if there in taken or (on is not None and turns and on.get(there, ALONE) != root):
                     continue
-                by[there] = way
-                if not _is_planar(problem, graph, by, there, reached):
-                    by[there] = ALONE
+                hang = hangs.tried(there, way)
+                if hang is None or hang.off > _DEPARTURE:
+                    hangs.tried(there, ALONE)
                     continue
                 taken.add(there)
                 if turns:
@@ -115,8 +116,3 @@ def _ways(problem: MechanismProblem, graph: Graph) -> dict[int, list[tuple[int, 
         ways.setdefault(one, []).append((two, way))
         ways.setdefault(two, []).append((one, way))
     return ways
-
-
-def _is_planar(problem: MechanismProblem, graph: Graph, by: By, node: int, reached: bool) -> bool:
-    hang = Hangs(problem, graph, by, 0.0, reached).of(node)
-    return hang is not None and hang.off <= _DEPARTURE

@@ -77,6 +77,13 @@ class Hangs:
             self._known[node] = self._follow(node)
         return self._known[node]
 
+    def tried(self, node: int, by: int) -> Hang | None:
+        """How a node that hangs by nothing would be known if it hung by something else; it does from now on."""
+        self.by[node] = by
+        self._asked.discard(node)
+        self._known.pop(node, None)
+        return self.of(node)
+
     def _follow(self, node: int) -> Hang | None:
         if node == WORLD:
             return Hang(-1, np.eye(3), np.eye(3))

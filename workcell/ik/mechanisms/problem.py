@@ -51,8 +51,8 @@ class UserConstraint:
 
     Attributes:
         name: for messages.
-        build: takes a `workcell.ik.ikspark.mechanisms.user.Expressions`, whose points and rotations of frames are
-            cvxpy expressions, and returns a list of cvxpy constraints; convex, or they are refused by name.
+        build: takes a `workcell.ik.ikspark.mechanisms.users.expressions.Expressions`, whose points and rotations of
+            frames are cvxpy expressions, and returns a list of cvxpy constraints; convex, or they are refused by name.
         tolerance: by how much a configuration may break it (cvxpy's own measure of violation).
     """
 

@@ -12,7 +12,7 @@ from tests.ik.ikspark.mechanisms.plain.chance import mechanism_of
 from workcell.ik.ikspark.mechanisms.plain.relaxation import plain_relaxation
 from workcell.ik.ikspark.mechanisms.program import Program
 from workcell.ik.ikspark.mechanisms.relaxation import Relaxation
-from workcell.ik.ikspark.mechanisms.user import conic_rows
+from workcell.ik.ikspark.mechanisms.users.constraints import conic_rows
 from workcell.ik.mechanisms.goals import FrameGoal, InRegion
 from workcell.ik.mechanisms.problem import MechanismProblem, UserConstraint
 from workcell.model.mechanism.placing import place

@@ -15,7 +15,7 @@ from workcell.ik.ikspark.mechanisms.blocks import Blocks
 from workcell.ik.ikspark.mechanisms.program import Multipliers, Program
 from workcell.ik.ikspark.mechanisms.relaxation import Relaxation
 from workcell.ik.ikspark.mechanisms.rows import Rows
-from workcell.ik.ikspark.mechanisms.user import UserRows
+from workcell.ik.ikspark.mechanisms.users.constraints import UserRows
 from workcell.pose import Array
 
 _NONE = 1e-13

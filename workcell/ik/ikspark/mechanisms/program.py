@@ -14,7 +14,7 @@ from workcell.ik.shared.conic import Cones, ConicSolution, ConicSolver, smat
 from workcell.pose import Array
 
 if TYPE_CHECKING:
-    from workcell.ik.ikspark.mechanisms.user import UserRows
+    from workcell.ik.ikspark.mechanisms.users.constraints import UserRows
 
 Multipliers = dict[tuple[str, int], Array]
 """Of rows, by family and index: as many numbers as rows."""

@@ -40,7 +40,7 @@ from workcell.ik.stages import StageLog
 from workcell.pose import Array
 
 if TYPE_CHECKING:
-    from workcell.ik.ikspark.mechanisms.user import UserRows
+    from workcell.ik.ikspark.mechanisms.users.constraints import UserRows
 
 CUTS = "ikspark+cuts"
 """The name of answers for which planes that touch obstacles kept spheres off."""
@@ -268,7 +268,7 @@ def user_judge(problem: MechanismProblem) -> Callable[[Array], list[str]] | None
     """Who judges users' constraints; None: there are none."""
     if not problem.constraints:
         return None
-    from workcell.ik.ikspark.mechanisms.user import violations
+    from workcell.ik.ikspark.mechanisms.users.constraints import violations
 
     return partial(violations, problem)
 
@@ -277,6 +277,6 @@ def _user_rows(problem: MechanismProblem, lift: MechanismLift) -> UserRows | Non
     """Users' constraints as rows; cvxpy is imported for them alone."""
     if not problem.constraints:
         return None
-    from workcell.ik.ikspark.mechanisms.user import conic_rows
+    from workcell.ik.ikspark.mechanisms.users.constraints import conic_rows
 
     return conic_rows(problem.constraints, lift)

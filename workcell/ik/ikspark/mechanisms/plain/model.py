@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from workcell.ik.ikspark.lift import frame_with_z
-from workcell.ik.ikspark.mechanisms.expressions import Expressions
 from workcell.ik.ikspark.mechanisms.plain.forms import Expression, Form, FormName, new_form
 from workcell.ik.ikspark.mechanisms.plain.slides import Slide, SlideName, new_slide
+from workcell.ik.ikspark.mechanisms.users.expressions import Expressions
 from workcell.ik.mechanisms.problem import MechanismProblem
 from workcell.model.mechanism.mechanism import Joint
 from workcell.model.mechanism.placing import place

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from tests.ik.ikspark.mechanisms.affine import SLED, ByHand
+from tests.ik.ikspark.mechanisms.users.affine import SLED, ByHand
 from workcell.errors import InputError, UnknownNameError
-from workcell.ik.ikspark.mechanisms.expressions import Expressions
-from workcell.ik.ikspark.mechanisms.user import conic_rows, violations
+from workcell.ik.ikspark.mechanisms.users.constraints import conic_rows, violations
+from workcell.ik.ikspark.mechanisms.users.expressions import Expressions
 from workcell.ik.mechanisms.problem import MechanismProblem, UserConstraint
 from workcell.ik.shared.conic import Cones, ConicSolver
 from workcell.model.mechanism.placing import place

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from workcell.errors import InputError, WorkcellError
-from workcell.ik.ikspark.mechanisms.canonical import canonical, contradictory, without_bare_rows
-from workcell.ik.ikspark.mechanisms.expressions import AffineModel, Expression, Expressions
+from workcell.ik.ikspark.mechanisms.users.canonical import canonical, contradictory, without_bare_rows
+from workcell.ik.ikspark.mechanisms.users.expressions import AffineModel, Expression, Expressions
 from workcell.ik.mechanisms.problem import MechanismProblem, UserConstraint
 from workcell.ik.shared.conic import Cones
 from workcell.model.mechanism.placing import place

@@ -1,4 +1,4 @@
-"""The whole task: a platform on six legs goes through poses of its workspace; six loops, nineteen passive joints."""
+"""The whole task: a platform on six legs goes through poses; six loops, nineteen passive joints."""
 
 import pytest
 

@@ -105,3 +105,52 @@ def test_no_bound_on_the_cost_is_above_the_cost(seed):
             for scale in (1e-3, 1e-1, 1.0):
                 scaled = type(m)(**{name: scale * part for name, part in m.parts().items()})
                 assert cost_bound(problem, scaled, by, covered) <= cost
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_nodes_may_hang_by_whatever_holds_them(seed):
+    problem, q = planted(seed)
+    rng, covered = np.random.default_rng(seed), asked_for(problem)
+    graph, placed = Graph.of(problem, covered), place(problem.mechanism, q)
+    n, c, g = graph.joints, len(problem.mechanism.closures), len(problem.goals)
+    held = 0
+    for _ in range(30):
+        by = np.where(rng.uniform(size=n + 1) < 0.2, ALONE, rng.integers(0, 2 * n + c + g, n + 1))
+        hangs = Hangs(problem, graph, by, float(covered[2]))
+        for node in np.unique(graph.node).tolist():
+            try:
+                hang = hangs.of(node)
+            except ValueError:
+                by[node] = ALONE
+                hangs = Hangs(problem, graph, by, float(covered[2]))
+                continue
+            if hang is None:
+                continue
+            # the node is where it is said to be, for one angle at least
+            held += 1
+            root = np.eye(3)
+            if hang.goal >= 0:
+                frame = problem.mechanism.frame(problem.goals[hang.goal].frame)
+                link = int(graph.node[frame.link])
+                root = placed.R[link]
+            least = farthest(hang, root.T @ placed.R[node] @ hang.C.T)
+            assert least <= hang.off + 1e-9
+        m = random_multipliers(problem, rng, 0.7)
+        try:
+            bound = upper_bound(graph, m, Sum(problem, graph, m, covered), hangs, covered)
+        except ValueError:
+            continue
+        assert bound >= at(problem, graph, m, q, covered) - 1e-9
+    assert held > 0
+
+
+def farthest(hang, turned):
+    """Frobenius norm between a rotation and the nearest one about the axis (or none)."""
+    if hang.axis is None:
+        return float(np.linalg.norm(turned - np.eye(3)))
+    d = hang.axis
+    skew = np.array([[0.0, -d[2], d[1]], [d[2], 0.0, -d[0]], [-d[1], d[0], 0.0]])
+    along = float(d @ turned @ d)
+    angle = np.arctan2(float(np.sum(turned * skew)), float(np.trace(turned)) - along)
+    nearest = np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * skew @ skew
+    return float(np.linalg.norm(turned - nearest))

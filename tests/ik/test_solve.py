@@ -127,12 +127,12 @@ def test_a_solver_that_does_not_apply_is_passed_over_by_auto_alone(monkeypatch):
     robot = random_arm(np.random.default_rng(7), n=7, sliding=True)
     assert np.any(robot.prismatic)
     target = robot.fk(robot.random_configuration(np.random.default_rng(1)))
-    with pytest.raises(InputError, match="is prismatic"):
-        solve(IKProblem(robot, target), "ikspark")
-    turns = (Turn("ikspark", 0.5), Turn("multistart"))
+    with pytest.raises(InputError, match="prismatic"):
+        solve(IKProblem(robot, target), "cidgik")
+    turns = (Turn("cidgik", 0.5), Turn("multistart"))
     monkeypatch.setattr("workcell.ik.solve.auto_turns", lambda dof, goal: turns)
     result = solve(IKProblem(robot, target))
-    assert result.solved and "ikspark does not apply" in result.rejected[0]
+    assert result.solved and "cidgik does not apply" in result.rejected[0]
 
 
 def test_a_panic_of_the_conic_solver_becomes_a_result(monkeypatch):

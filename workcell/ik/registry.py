@@ -184,18 +184,16 @@ SOLVERS: Mapping[str, SolverEntry] = MappingProxyType(
         "ikspark": SolverEntry(
             help="convex: lifted rotations driven to rank 1, every sphere in a free-space cuboid, with proofs",
             run="workcell.ik.ikspark.solver:solve_ikspark",
+            goals=ALL_GOALS,
             prepare="workcell.ik.shared.convex:prepare",
-            slides=False,
-            couples=False,
             plans=True,
         ),
         "ikspark+cuts": SolverEntry(
             help="its fallback: half-spaces where spheres collide instead of cuboids",
             run="workcell.ik.ikspark.solver:solve_ikspark",
+            goals=ALL_GOALS,
             prepare="workcell.ik.shared.convex:prepare",
             options={"cuboids": False},
-            slides=False,
-            couples=False,
             within="ikspark",
         ),
         "ikspark+lm": SolverEntry(
@@ -253,6 +251,7 @@ PROOFS: Mapping[str, ProofEntry] = MappingProxyType(
             check="workcell.ik.elementary.check:check_last_link",
             obstacles="workcell.ik.elementary.check:obstacles_used",
         ),
+        "mechanism/1": ProofEntry(check="workcell.ik.mechanisms.of_problem:check_robot", goals=ALL_GOALS),
         "reach": ProofEntry(check="workcell.ik.elementary.check:check_reach"),
         "solution": ProofEntry(check="workcell.ik.solution.check:check_solution"),
     }

@@ -222,6 +222,18 @@ def _listed(names: list[str]) -> str:
     return ", ".join(names[:MOST_NAMED]) + (f" and {rest} more" if rest > 0 else "")
 
 
+def _mechanism(certificate: Certificate, problem: IKProblem | None) -> list[Line]:
+    data = certificate.data
+    used = [name for name in data if name not in ("tolerances", "hangs") and np.any(data[name] != 0.0)]
+    held = int(np.count_nonzero(data["hangs"] >= 0.0))
+    return [
+        _covers(data["tolerances"][:2]),
+        ("multipliers", f"of {', '.join(used) or 'nothing'}"),
+        ("nodes", f"{held} hang by what turns or holds them"),
+        ("rests on", "offsets, axes and limits of the joints, and the target"),
+    ]
+
+
 OPTIONAL: Mapping[str, Shape] = {"places": (None, 3), "links": (None,), "pairs": (None, 2), "own": (None,)}
 """Arrays that some certificates of scenes have."""
 Teller = Callable[[Certificate, IKProblem | None], list[Line]]
@@ -277,6 +289,28 @@ KINDS: Mapping[str, tuple[str, Mapping[str, Shape], Teller | None]] = {
             "frames": (None, 4, 4),
         },
         _cidgik,
+    ),
+    "mechanism/1": (
+        "a sum of what ties the rotations of a mechanism's links, zero or more at any solution, is below zero for all "
+        "rotations (section 12)",
+        {
+            "tolerances": (4,),
+            "hangs": (None,),
+            "axes": (None, 3),
+            "limits": (None, 3),
+            "turns": (None, 3, 3),
+            "steps": (None, 3, 3),
+            "chords": (None,),
+            "closures": (None, 3),
+            "welds": (None, 3, 3),
+            "positions": (None, 3),
+            "rotations": (None, 3, 3),
+            "directions": (None, 3),
+            "cones": (None,),
+            "regions": (None,),
+            "links": (None,),
+        },
+        _mechanism,
     ),
     "solution": (
         "every configuration of a box solves the problem (section 9)",

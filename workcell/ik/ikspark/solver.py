@@ -18,6 +18,7 @@ from contextlib import ExitStack
 from math import inf
 from typing import Protocol
 
+from workcell.ik.ikspark.by_mechanism import needs_mechanism, solve_by_mechanism
 from workcell.ik.ikspark.instance import Instance, instance_of
 from workcell.ik.ikspark.obstacles.among_cuboids import AmongCuboids
 from workcell.ik.ikspark.obstacles.door import check_free_space
@@ -47,7 +48,8 @@ def solve_ikspark(
     """Look for a configuration, or for a proof that there is none, until the budget is spent.
 
     Args:
-        problem: a serial chain of revolute joints; with `q_reference` the search begins next to it.
+        problem: any serial robot; what has slides, joints that follow others or a goal that is a part of a pose is
+            answered by its mechanism (`by_mechanism`). With `q_reference` the search begins next to it.
         budget: CPU seconds, and work in cone programs.
         seed: of the random directions.
         local: also run Levenberg-Marquardt from the angles read at every iterate (`ikspark+lm`). Without it
@@ -57,8 +59,11 @@ def solve_ikspark(
             An answer found so is by `ikspark+cuts`.
 
     Raises:
-        InputError: a prismatic joint, bounds without their reference, or free space made for another scene or cover.
+        InputError: bounds without their reference, or free space made for another scene or cover; with `local` a
+            prismatic joint, or one that follows another.
     """
+    if needs_mechanism(problem) and not local:
+        return solve_by_mechanism(problem, budget, seed, cuboids=cuboids)
     check_free_space(problem)
     search = Search(problem, budget, seed, local=local)
     if search.over():

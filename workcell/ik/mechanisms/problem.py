@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from workcell.errors import InputError
 from workcell.geometry.types import FreeSpace, Piece, SphereCover
 from workcell.ik.mechanisms.goals import FrameGoal, InRegion
+from workcell.ik.problem import Growing
 from workcell.model.mechanism.mechanism import Mechanism
 from workcell.pose import Array, read_only
 
@@ -73,10 +74,12 @@ class MechanismProblem:
         obstacles: convex pieces in the world.
         cover: spheres that stand for the mechanism's links in the solvers' model; None: no collision avoidance.
         free_space: regions free of obstacles that spheres may be kept in.
+        grow: adds regions around points, as of `IKProblem`, for spheres that touch obstacles; None: no more than those.
         apart: (p, 2) pairs of the cover's spheres that must keep clear of each other; None: none.
         collisions: whether the judge asks the compiled model what touches.
         touching: pairs of geoms (names) of the compiled model that may touch: contacts that are asked for.
         q_reference: (size,) a configuration to begin at, and from which `max_step` is measured; None: anywhere.
+        q_towards: (size,) a configuration to begin at instead; None: `q_reference`.
         max_step: largest change of each number of the tangent against `q_reference`, radians or metres; None: no bound.
         max_link_rotation: bound on the Frobenius change of each link's world rotation (Eq. 75); None: no bound.
         tolerances: what counts as reached.
@@ -89,10 +92,12 @@ class MechanismProblem:
     obstacles: tuple[Piece, ...] = ()
     cover: SphereCover | None = None
     free_space: FreeSpace | None = None
+    grow: Growing | None = None
     apart: NDArray[np.int64] | None = None
     collisions: bool = True
     touching: tuple[tuple[str, str], ...] = ()
     q_reference: Array | None = None
+    q_towards: Array | None = None
     max_step: float | Array | None = None
     max_link_rotation: float | None = None
     tolerances: MechanismTolerances = field(default_factory=MechanismTolerances)
@@ -101,9 +106,9 @@ class MechanismProblem:
         mechanism = self.mechanism
         for frame in [goal.frame for goal in self.goals] + [region.frame for region in self.regions]:
             mechanism.frame(frame)
-        if self.q_reference is not None:
-            q = mechanism.configuration(self.q_reference, where="q_reference")
-            object.__setattr__(self, "q_reference", read_only(q))
+        for name in ("q_reference", "q_towards"):
+            if (given := getattr(self, name)) is not None:
+                object.__setattr__(self, name, read_only(mechanism.configuration(given, where=name)))
         for name in ("max_step", "max_link_rotation"):
             bound = getattr(self, name)
             if bound is None:
@@ -126,3 +131,8 @@ class MechanismProblem:
             if pairs.ndim != 2 or pairs.shape[1] != 2 or np.any(pairs < 0) or np.any(pairs >= spheres):
                 raise InputError("pairs of spheres are indices (p, 2) into the cover", where="apart")
             object.__setattr__(self, "apart", read_only(pairs, np.int64))
+
+    @property
+    def q_ahead(self) -> Array | None:
+        """(size,) where the convex solver begins: `q_towards`, or `q_reference`; None: anywhere."""
+        return self.q_reference if self.q_towards is None else self.q_towards

@@ -1,9 +1,10 @@
 """Spheres of a mechanism that must keep clear of obstacles and of each other: rows that enter where they don't.
 
 A sphere that touches an obstacle is put into the region of free space that it sticks out of least, if the problem has
-any, and the faces of that region that it breaks become rows (the branch of Eq. 71 in which its delta is one); where it
-has none, the plane that touches the obstacle does, which is no choice of the paper's. Two spheres that overlap are
-parted along the line between their centres: IKSPARK itself leaves collisions of the robot with itself out.
+any or can grow some, and the faces of that region that it breaks become rows (the branch of Eq. 71 in which its delta
+is one); where there is none, the plane that touches the obstacle does, which is no choice of the paper's. Two spheres
+that overlap are parted along the line between their centres: IKSPARK itself leaves collisions of the robot with itself
+out.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.ik.ikspark.mechanisms.lift import MechanismLift
 from workcell.ik.ikspark.mechanisms.rows import Rows
+from workcell.ik.ikspark.obstacles.growing import slid_out
 from workcell.ik.ikspark.obstacles.regions import Regions
 from workcell.ik.mechanisms.problem import MechanismProblem
 from workcell.ik.shared.convex import KEEP_OFF
@@ -38,6 +40,7 @@ class Avoidance:
         self._needed = cover.radius + problem.tolerances.safety_margin
         self._obstacles = ObstacleArrays(problem.obstacles)
         self._regions = None if problem.free_space is None else Regions.of(problem.free_space)
+        self._grow = problem.grow
         self._hindered = _hindered(problem)
         moves = np.any(np.abs(self._maps[:, :, :-1]) > 1e-9, axis=(1, 2)) & (cover.link != WORLD)
         self._movable = moves & self._hindered
@@ -66,6 +69,7 @@ class Avoidance:
         touching = np.flatnonzero(self._movable & (distance < self._needed))
         if not len(touching):
             return []
+        self._make_room(centres[touching], self._needed[touching])
         found: list[Rows] = []
         for j in touching.tolist():
             inside = self._faces(j, centres[j])
@@ -77,6 +81,14 @@ class Avoidance:
             found.append(Rows("plane", j, "nonneg", row[None]))
             self.by_planes += 1
         return found
+
+    def _make_room(self, centres: Array, needed: Array) -> None:
+        """Regions for spheres that touch, beside the obstacles that they touch, if the free space can grow."""
+        if self._grow is None:
+            return
+        beside = slid_out(self._obstacles, centres, needed)
+        clear = self._obstacles.nearest(beside)[0] >= needed
+        self._regions = Regions.of(self._grow(beside[clear], needed[clear]))
 
     def _faces(self, j: int, centre: Array) -> list[Rows] | None:
         """Faces of its region that a sphere breaks; None: there is no region, or it holds the sphere."""

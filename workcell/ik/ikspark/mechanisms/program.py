@@ -88,8 +88,8 @@ class Program:
 
     def cut(self, cuts: Sequence[Rows]) -> None:
         """Keep these rows besides; earlier ones are forgotten. They are equalities or inequalities."""
-        self._cuts = tuple(cuts)
-        self._solver = None
+        if cuts or self._cuts:
+            self._cuts, self._solver = tuple(cuts), None
 
     def solve(self, q: Array, *, tolerance: float | None = None) -> ConicSolution:
         """Minimise q.x (N,) over the set; `z` is of the rows as they are solved, see `multipliers`."""

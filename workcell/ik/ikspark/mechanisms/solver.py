@@ -7,7 +7,7 @@ enter on the way where spheres touch, and where joints that follow others leave 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -56,8 +56,17 @@ _ROUNDS = 12
 """Ascents of one restart with ever more rows, where spheres touch or curves are left."""
 
 
+Judge = Callable[[Array], Sequence[str]]
+"""What is wrong with a configuration (size,), in words."""
+
+
 def solve_mechanism_ikspark(
-    problem: MechanismProblem, budget: Budget, seed: int = 0, *, form: FormName = "quaternion"
+    problem: MechanismProblem,
+    budget: Budget,
+    seed: int = 0,
+    *,
+    form: FormName = "quaternion",
+    judge: Judge | None = None,
 ) -> MechanismCandidate:
     """Look for a configuration, or for a proof that there is none, until the budget is spent.
 
@@ -66,15 +75,18 @@ def solve_mechanism_ikspark(
         budget: CPU seconds, and work in cone programs.
         seed: of the random directions.
         form: of the lift.
+        judge: who accepts configurations; None: `judge_mechanism`.
 
     Raises:
         InputError: a user's constraint that is not convex; ModelError: ties that contradict each other.
     """
-    return _Search(problem, budget, seed, form).run()
+    return _Search(problem, budget, seed, form, judge).run()
 
 
 class _Search:
-    def __init__(self, problem: MechanismProblem, budget: Budget, seed: int, form: FormName) -> None:
+    def __init__(
+        self, problem: MechanismProblem, budget: Budget, seed: int, form: FormName, judge: Judge | None = None
+    ) -> None:
         self.problem = problem
         self._deadline = clock.cpu_seconds() + budget.cpu_s
         self._most = budget.work(PROGRAMS_A_SECOND)
@@ -85,7 +97,7 @@ class _Search:
         self._directions = Directions(self.lift, self.parts, np.random.default_rng(seed), loose(problem))
         spheres = problem.cover is not None and len(problem.cover) > 0
         self._avoid = Avoidance(problem, self.lift) if spheres else None
-        self._user = user_judge(problem)
+        self._judge = judge or _judge_of(problem)
         self._curve_rows: list[Rows] = []
         self._sphere_rows: list[Rows] = []
         counts = ("restarts", "rank_one", "rank_gap", "moved", "off_rotations", "cuts")
@@ -108,8 +120,10 @@ class _Search:
                     error = "Clarabel found neither a point of the relaxation nor a proof that it is empty"
                     break
                 continue
-            q = self._read(found)
-            q = self._cut_off(found) if q is None else q
+            failures, q = 0, self._read(found)
+            if q is None:
+                q = self._cut_off(found)
+                self.parts.whole.cut(())
             if q is not None:
                 stages, rejected = self.stages.stages, tuple(self.rejected)
                 by = CUTS if self._avoid is not None and self._avoid.by_planes else ""
@@ -146,8 +160,8 @@ class _Search:
         return None if proof is None else self._nothing(proof)
 
     def _direction(self, part: Part) -> Array:
-        if self.stats["restarts"] <= len(self.parts.parts) and self.problem.q_reference is not None:
-            return self._directions.towards(part, self.lift.lift(self.problem.q_reference))
+        if self.stats["restarts"] <= len(self.parts.parts) and self.problem.q_ahead is not None:
+            return self._directions.towards(part, self.lift.lift(self.problem.q_ahead))
         return self._directions.of(part)
 
     def _climb(self, blocks: Blocks, program: Program, direction: Array) -> Step:
@@ -175,7 +189,6 @@ class _Search:
             self.stages.add("rows", note=f"{len(rows)} where spheres touch, or joints leave their curve")
             point = self._climb_within(linearise(self.blocks, point.x)[1])
             if point.rank_one and (q := self._read(point)) is not None:
-                self.parts.whole.cut(())
                 return q
         return None
 
@@ -212,10 +225,10 @@ class _Search:
         if polished.moved > MAX_POLISH:
             self._note(f"polish moved a joint by {polished.moved:.2g} from a rank-1 point")
             return None
-        measured = judge_mechanism(self.problem, polished.q, self._user)
-        self.stages.add("judge", note="accepted" if measured.accepted else measured.reasons[0])
-        if not measured.accepted:
-            self._note(measured.reasons[0])
+        reasons = self._judge(polished.q)
+        self.stages.add("judge", note=reasons[0] if reasons else "accepted")
+        if reasons:
+            self._note(reasons[0])
             return None
         numbers = {
             "rank_gap": step.gap,
@@ -262,6 +275,11 @@ class _Search:
     def _note(self, reason: str) -> None:
         if reason not in self.rejected and len(self.rejected) < NEAR_MISSES:
             self.rejected.append(reason)
+
+
+def _judge_of(problem: MechanismProblem) -> Judge:
+    user = user_judge(problem)
+    return lambda q: judge_mechanism(problem, q, user).reasons
 
 
 def user_judge(problem: MechanismProblem) -> Callable[[Array], list[str]] | None:

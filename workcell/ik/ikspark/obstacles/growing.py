@@ -56,7 +56,7 @@ class Room:
 
         Returns whether the free space has changed.
         """
-        return self._grow(self._slid(centres, needed), np.zeros(len(centres)))
+        return self._grow(slid_out(self.obstacles, centres, needed), np.zeros(len(centres)))
 
     def _grow(self, points: Array, radii: Array) -> bool:
         before = self.free_space
@@ -76,13 +76,20 @@ class Room:
         clear: NDArray[np.bool_] = self.obstacles.nearest(centres)[0] >= needed + _HELD_FROM
         return clear
 
-    def _slid(self, centres: Array, needed: Array) -> Array:
-        """The centres, those of spheres that collide moved out of their obstacles, as far as that is easy."""
-        at = centres
-        for _ in range(_SLIDES):
-            distance, gradient, _ = self.obstacles.nearest(at)
-            short = needed + _BESIDE - distance
-            if not np.any(short > _BESIDE):
-                break
-            at = np.where((short > _BESIDE)[:, None], at + short[:, None] * gradient, at)
-        return at
+
+def slid_out(obstacles: ObstacleArrays, centres: Array, needed: Array) -> Array:
+    """Centres (k, 3), those of spheres that collide moved out of their obstacles, as far as that is easy.
+
+    Args:
+        obstacles: packed.
+        centres: metres, in the world frame.
+        needed: (k,) metres that a centre has to keep from obstacles.
+    """
+    at = centres
+    for _ in range(_SLIDES):
+        distance, gradient, _ = obstacles.nearest(at)
+        short = needed + _BESIDE - distance
+        if not np.any(short > _BESIDE):
+            break
+        at = np.where((short > _BESIDE)[:, None], at + short[:, None] * gradient, at)
+    return at

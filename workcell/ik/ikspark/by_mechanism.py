@@ -1,0 +1,106 @@
+"""IKSPARK on a serial robot by way of its mechanism: what the serial formulation has no rows for.
+
+Slides, joints that follow others, and goals that are a part of a pose are in the formulation for mechanisms
+(`workcell.ik.ikspark.mechanisms`). What is read there is judged as all answers are, and its proofs are about the robot.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workcell.geometry.types import FreeSpace
+from workcell.ik.ikspark.mechanisms.solver import solve_mechanism_ikspark
+from workcell.ik.ikspark.obstacles.door import check_free_space
+from workcell.ik.ikspark.obstacles.growing import Room
+from workcell.ik.judge.verify import Verifier
+from workcell.ik.mechanisms.of_problem import mechanism_problem, of_robot_problem
+from workcell.ik.mechanisms.result import MechanismCandidate
+from workcell.ik.problem import Budget, IKProblem
+from workcell.ik.result import Candidate
+from workcell.ik.shared.limits import Interval
+from workcell.model.mechanism.mechanism import WORLD
+from workcell.model.mechanism.of_robot import variables_of
+from workcell.pose import Array
+
+
+def needs_mechanism(problem: IKProblem) -> bool:
+    """Whether the serial formulation does not take a problem."""
+    robot = problem.robot
+    return problem.goal != "pose" or robot.coupling is not None or bool(robot.prismatic.any())
+
+
+def solve_by_mechanism(
+    problem: IKProblem, budget: Budget, seed: int = 0, *, cuboids: bool = True
+) -> Candidate:
+    """Look for a configuration, or for a proof that there is none, until the budget is spent.
+
+    Args:
+        problem: any serial robot; any goal.
+        budget: CPU seconds, and work in cone programs.
+        seed: of the directions.
+        cuboids: put spheres that touch obstacles into regions of free space, where there are some.
+
+    Raises:
+        InputError: bounds without their reference, or free space made for another scene or cover.
+    """
+    check_free_space(problem)
+    if Interval.of(problem).empty:
+        return Candidate(rejected=("q_reference lies farther outside the joint limits than max_step",))
+    robot, verifier = problem.robot, Verifier(problem)
+    question, room = mechanism_problem(problem), _room(problem) if cuboids else None
+    question = replace(
+        question,
+        free_space=None if room is None else room.free_space,
+        grow=None if room is None else partial(_grown, room),
+    )
+
+    def judge(q: Array) -> tuple[str, ...]:
+        return verifier(variables_of(robot, q)).reasons
+
+    found = solve_mechanism_ikspark(question, budget, seed, judge=judge)
+    return _answer(problem, found, room)
+
+
+def _room(problem: IKProblem) -> Room | None:
+    """The free space of a query among obstacles."""
+    spheres = problem.cover is not None and len(problem.cover) > 0
+    return Room(problem) if spheres and problem.obstacles else None
+
+
+def _grown(room: Room, points: Array, radii: Array | None = None) -> FreeSpace:
+    """The free space with what holds spheres (k,) around points (k, 3)."""
+    room.hold(points, np.zeros(len(points)) if radii is None else radii)
+    return room.free_space
+
+
+def _answer(problem: IKProblem, found: MechanismCandidate, room: Room | None) -> Candidate:
+    q = None if found.q is None else variables_of(problem.robot, found.q)
+    held = None if q is None or room is None or found.by else _regions_at(problem, room, q)
+    return Candidate(
+        q,
+        None if found.certificate is None else of_robot_problem(problem, found.certificate),
+        found.stats,
+        found.rejected,
+        found.error,
+        found.stages,
+        cuboids=held,
+        free_space=None if held is None or room is None else room.free_space,
+        by=found.by,
+    )
+
+
+def _regions_at(problem: IKProblem, room: Room, q: Array) -> NDArray[np.int64] | None:
+    """(m,) the region that each sphere is in at an answer (n,), grown where none holds it; None: one is in none."""
+    cover, robot = problem.cover, problem.robot
+    assert cover is not None
+    centres = cover.centres_world(robot.link_transforms(q))
+    needed = cover.radius + problem.tolerances.safety_margin
+    homeless = room.regions.holding(centres, needed) < 0
+    room.hold(centres[homeless], needed[homeless])
+    held = room.regions.holding(centres, needed)
+    moving = cover.link != WORLD
+    return held if bool(np.all(held[moving] >= 0)) else None

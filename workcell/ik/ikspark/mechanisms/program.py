@@ -22,6 +22,8 @@ _DEPENDENT = 1e-9
 """Part of the largest pivot below which an equality row follows from the others."""
 _CONTRADICTION = 1e-8
 """What such a row may miss for it to be true as well."""
+_REFINED = 1e-8
+"""Clarabel's tolerance for what it fails to solve to the usual one: its steps are refined from here on."""
 _ORDER: tuple[ConeName, ...] = ("zero", "nonneg", "soc", "psd")
 
 
@@ -97,7 +99,10 @@ class Program:
             return self._cropped(self._made(tolerance).solve(self._padded(q)))
         if self._solver is None:
             self._solver = self._made(self._tolerance)
-        return self._cropped(self._solver.solve(self._padded(q)))
+        solution = self._solver.solve(self._padded(q))
+        if solution.status in ("failed", "almost_infeasible"):
+            solution = self._made(_REFINED).solve(self._padded(q))
+        return self._cropped(solution)
 
     def _padded(self, q: Array) -> Array:
         self.solves += 1

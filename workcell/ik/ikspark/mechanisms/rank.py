@@ -28,7 +28,7 @@ class Step:
         gap: largest rank gap of its blocks, their traces less their largest eigenvalues, and of its discs.
         left: sum of the gaps.
         z: dual of the rows, a ray where the set was found empty.
-        empty: whether it was.
+        empty: whether it was, or nearly so.
     """
 
     x: Array | None
@@ -53,7 +53,7 @@ def ascend(
     before, slopes, ahead = np.inf, list[Array](), False
     for count in range(most):
         solution = program.solve(-direction)
-        if solution.status == "infeasible":
+        if solution.status in ("infeasible", "almost_infeasible"):  # a ray's proof is checked in any case
             yield Step(None, z=solution.z, empty=True)
             return
         if not solution.usable:

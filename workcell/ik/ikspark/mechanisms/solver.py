@@ -143,6 +143,7 @@ class _Search:
                 if step.empty and step.z is not None:
                     return self._empty(part, step.z)
                 if step.x is None:
+                    self._directions.draw()
                     return None
                 if step.rank_one:
                     x[part.columns], gap = step.x, max(gap, step.gap)

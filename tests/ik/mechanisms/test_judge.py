@@ -172,7 +172,13 @@ def test_the_compiled_model_says_what_touches():
     margin = MechanismTolerances(safety_margin=0.5)
     found = judge_mechanism(MechanismProblem(arm(2.5), tolerances=margin), [0, 0])
     assert found.reasons == ("wall is 300 mm from g2 (wanted 500)",)
-    assert judge_mechanism(MechanismProblem(arm(2.1), touching=(("g2", "wall"),)), [0, 0]).accepted
+    may = (("g2", "wall"),)
+    assert judge_mechanism(MechanismProblem(arm(2.197), touching=may), [0, 0]).accepted
+    found = judge_mechanism(MechanismProblem(arm(2.1), touching=may), [0, 0])
+    assert found.reasons == ("wall, which may touch g2, is 100 mm inside it (allowed 5)",)
+    deep = MechanismTolerances(overlap=0.2)
+    assert judge_mechanism(MechanismProblem(arm(2.1), touching=may, tolerances=deep), [0, 0]).accepted
+    assert judge_mechanism(MechanismProblem(arm(2.1), touching=may, collisions=False), [0, 0]).accepted
     assert judge_mechanism(MechanismProblem(arm(2.1), collisions=False), [0, 0]).looked_at == 0
     with pytest.raises(UnknownNameError, match="no geom named 'door'"):
         judge_mechanism(MechanismProblem(arm(2.1), touching=(("g2", "door"),)), [0, 0])

@@ -84,6 +84,7 @@ class MechanismJudge:
             *self._tie_reasons(ties),
             *[_words_of_limit(*one) for one in beyond],
             *self._clearance_reasons(clearance),
+            *self._overlap_reasons(values),
             *self._step_reasons(values),
             *self._user_reasons(values, user),
         )
@@ -187,6 +188,20 @@ class MechanismJudge:
         if distance < 0:
             return [f"{first} is {-1e3 * distance:.3g} mm inside {second}"]
         return [f"{first} is {1e3 * distance:.3g} mm from {second} (wanted {1e3 * margin:g})"]
+
+    def _overlap_reasons(self, q: Array) -> list[str]:
+        """What may touch is not to be inside each other."""
+        measure, allowed = self._measure, self.problem.tolerances.overlap
+        if measure is None or not self.problem.collisions or not len(measure.touching):
+            return []
+        found = measure.overlap(q)
+        if found.distance >= -allowed:
+            return []
+        first, second = found.pair
+        return [
+            f"{first}, which may touch {second}, is {-1e3 * found.distance:.3g} mm inside it"
+            f" (allowed {1e3 * allowed:g})"
+        ]
 
     def _step_reasons(self, q: Array) -> list[str]:
         problem, reasons = self.problem, []

@@ -29,6 +29,7 @@ class MechanismTolerances:
         closure: metres and radians that ties may miss: loops, and joints that follow others.
         region: metres that a point may be outside its region.
         safety_margin: metres of clearance to keep.
+        overlap: metres that geoms which may touch may be inside each other, where the compiled model has them.
     """
 
     position: float = 1e-4
@@ -36,9 +37,10 @@ class MechanismTolerances:
     closure: float = 1e-6
     region: float = 1e-6
     safety_margin: float = 0.0
+    overlap: float = 5e-3
 
     def __post_init__(self) -> None:
-        positive = self.position, self.rotation, self.closure, self.region
+        positive = self.position, self.rotation, self.closure, self.region, self.overlap
         if not (all(0 < value <= FARTHEST for value in positive) and 0 <= self.safety_margin <= FARTHEST):
             raise InputError(
                 f"tolerances must be positive, the safety margin zero or more, none above {FARTHEST:g}",

@@ -55,6 +55,10 @@ class MechanismMeasure:
         mechanism: with its compiled model.
         touching: pairs of geoms (names) that may touch.
 
+    Attributes:
+        pairs: (p, 2) geoms (ids) that must not touch.
+        touching: (t, 2) those that may, and can.
+
     Raises:
         ModelError: it has no compiled model, or geoms whose distances can't be trusted; UnknownNameError: no such geom.
     """
@@ -81,8 +85,8 @@ class MechanismMeasure:
             for link in closure.links:
                 self._body_of(link)
         self._places = {name: self._place_of(name) for name in mechanism.frames}
-        self.pairs = self._pairs(touching)
-        refuse_unmeasured(self._model, np.unique(self.pairs).tolist())
+        self.pairs, self.touching = self._pairs(touching)
+        refuse_unmeasured(self._model, np.unique(np.concatenate([self.pairs, self.touching])).tolist())
         self._search = NearestPair(self._judge)
 
     @property
@@ -123,6 +127,11 @@ class MechanismMeasure:
         """The smallest signed distance of the pairs at a configuration (size,), looked for up to `limit` metres."""
         self._look(q)
         return self._search(self._data, self.pairs, limit)
+
+    def overlap(self, q: Array) -> Distance:
+        """The smallest signed distance of the pairs that may touch, zero or less where they do."""
+        self._look(q)
+        return self._search(self._data, self.touching, 0.0)
 
     def contact(self, q: Array) -> Distance | None:
         """What MuJoCo's own collision pipeline has in contact among the pairs, deeper than distances may be off."""
@@ -218,19 +227,18 @@ class MechanismMeasure:
         turned = float(np.linalg.norm(rotation_vector(A @ B.T))) if closure.kind == "weld" else 0.0
         return Tie(closure.name, float(np.linalg.norm(a - b)), turned)
 
-    def _pairs(self, touching: Iterable[tuple[str, str]]) -> NDArray[np.int64]:
+    def _pairs(self, touching: Iterable[tuple[str, str]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Those that must not touch, and those that may."""
         model, links = self._model, self._compiled.link_of_body
         pairs = colliding_pairs(model, np.flatnonzero(links != WORLD).tolist())
         pairs = pairs[~joined(model, pairs)]
-        intended = {tuple(sorted(geoms_called(model, pair, "touching"))) for pair in touching}
-        tied = {tuple(sorted(closure.links)) for closure in self._own}
         carried = np.sort(links[np.asarray(model.geom_bodyid)[pairs]], axis=1)
-        kept = [
-            tuple(sorted(pair)) not in intended and tuple(both) not in tied and both[0] != both[1]
-            for pair, both in zip(pairs.tolist(), carried.tolist(), strict=True)
-        ]
-        found: NDArray[np.int64] = pairs[np.array(kept, dtype=bool)]
-        return found
+        tied = {tuple(sorted(closure.links)) for closure in self._own}
+        loose = [a != b and (a, b) not in tied for a, b in carried.tolist()]
+        pairs = pairs[np.array(loose, dtype=bool)]
+        intended = {tuple(sorted(geoms_called(model, pair, "touching"))) for pair in touching}
+        may = np.array([tuple(pair) in intended for pair in pairs.tolist()], dtype=bool)
+        return pairs[~may], pairs[may]
 
 
 def turn_of(quat: Array) -> float:

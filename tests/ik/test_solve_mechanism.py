@@ -10,7 +10,7 @@ from workcell.ik.mechanisms.goals import FrameGoal, InRegion
 from workcell.ik.mechanisms.problem import MechanismProblem, UserConstraint
 from workcell.ik.problem import Budget
 from workcell.ik.result import Status
-from workcell.ik.solve_mechanism import mechanism_solver_names, solve_mechanism
+from workcell.ik.solve_mechanism import closest_configuration, mechanism_solver_names, solve_mechanism
 from workcell.model.mechanism.from_model import mechanism_of
 from workcell.model.mechanism.placing import place
 from workcell.pose import Pose
@@ -136,3 +136,30 @@ def test_what_makes_no_sense_is_refused_by_name(two_arms):
     bent = UserConstraint("bent", lambda of: [of.point("ee")[0] ** 2 >= 1])
     with pytest.raises(InputError, match="bent"):
         solve_mechanism(MechanismProblem(two_arms, constraints=(bent,)))
+
+
+@pytest.mark.parametrize("solver", mechanism_solver_names())
+def test_the_closest_configuration_holds_the_bar_with_both_arms(two_arms, solver):
+    problem = MechanismProblem(two_arms, (FrameGoal.posed("ee", Pose.from_xyz([2.5, 0.0, 0.8])),))
+    found = closest_configuration(problem, solver=solver, budget=Budget(20.0, effort=0.6), seed=1)
+    assert found.status is Status.SOLVED, found.rejected
+    assert residual(two_arms, found.q)[0] < 1e-6
+    assert found.measured.accepted and found.measured.position_error > 1.0
+    assert 0.0 <= found.bound <= found.cost and found.gap == found.cost - found.bound
+    assert (found.bound > 1.0) == (solver != "multistart")
+    assert np.isfinite(found.cost) and found.solver in ("ikspark", "multistart")
+
+
+def test_what_nothing_keeps_has_no_closest_configuration(two_arms):
+    above = InRegion.polytope("ee", [[0, 0, -1.0]], [-9.0])
+    goal = FrameGoal.at("ee", [0.4, 0.0, 0.6])
+    found = closest_configuration(MechanismProblem(two_arms, (goal,), (above,)), budget=Budget(20.0))
+    assert found.status is Status.UNREACHABLE and found.q is None and found.certificate is not None
+    with pytest.raises(UnknownNameError):
+        closest_configuration(MechanismProblem(two_arms, (goal,)), solver="guess")
+    with pytest.raises(InputError):
+        closest_configuration(
+            MechanismProblem(
+                two_arms, (goal,), (InRegion.polytope("ee", [[1.0, 0, 0], [-1.0, 0, 0]], [0, -1]),)
+            )
+        )

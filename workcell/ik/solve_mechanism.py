@@ -1,4 +1,4 @@
-"""`solve_mechanism`: the one way to an answer about a mechanism, judged and with proofs re-checked."""
+"""`solve_mechanism` and `closest_configuration`: answers about a mechanism, judged and with proofs re-checked."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from workcell import clock
 from workcell.errors import UnknownNameError, WorkcellError
 from workcell.ik.ikspark.mechanisms.forms import FormName
 from workcell.ik.ikspark.mechanisms.solver import user_judge
-from workcell.ik.mechanisms.check import check_mechanism
+from workcell.ik.mechanisms.check import check_cost, check_mechanism
 from workcell.ik.mechanisms.hygiene import check_problem
 from workcell.ik.mechanisms.judge import judge_mechanism
+from workcell.ik.mechanisms.nearest import pose_cost, without_poses
 from workcell.ik.mechanisms.problem import MechanismProblem
 from workcell.ik.mechanisms.result import MechanismCandidate, MechanismResult
 from workcell.ik.observing import report
@@ -32,6 +33,13 @@ MECHANISM_SOLVERS: Mapping[str, str] = MappingProxyType(
     }
 )
 """Solvers of mechanisms by name."""
+CLOSEST_SOLVERS: Mapping[str, str] = MappingProxyType(
+    {
+        "ikspark": "workcell.ik.ikspark.mechanisms.minimising.closest:closest_mechanism",
+        "multistart": "workcell.ik.multistart.closest:closest_multistart",
+    }
+)
+"""Solvers by name that look for the configuration closest to goals."""
 _ROUNDS = 12
 _TURNS = (
     ("multistart", 0.05),
@@ -79,6 +87,127 @@ def solve_mechanism(
     result = _Turns(problem, solver, budget, seed, form, notes).run(turns)
     report(problem, result)
     return result
+
+
+def closest_configuration(
+    problem: MechanismProblem,
+    *,
+    solver: str = "ikspark",
+    budget: Budget | None = None,
+    seed: int = 0,
+    form: FormName = "quaternion",
+) -> MechanismResult:
+    """The configuration whose poses are closest to goals that need not be within reach, by Eq. 36's cost.
+
+    Positions and rotations of the goals are the cost: the sum of their squared errors, metres and entries of rotations.
+    All else has to hold: ties, limits, directions, regions, users' constraints, clearances.
+
+    Args:
+        problem: the question.
+        solver: `ikspark` (convex, with a bound), `multistart` (local search from random starts), or `auto`: both.
+        budget, seed, form: as of `solve_mechanism`.
+
+    Returns:
+        `SOLVED` with a configuration of which the judge accepted all but its poses; `measured` has their errors, `cost`
+        the cost, and `bound` what a re-checked proof says that no configuration is below (zero without one).
+        `UNREACHABLE` only where a re-checked certificate says that nothing keeps all the rest.
+
+    Raises:
+        As `solve_mechanism`.
+    """
+    names = tuple(CLOSEST_SOLVERS) if solver == AUTO else (solver,)
+    if not set(names) <= set(CLOSEST_SOLVERS):
+        raise UnknownNameError("solver", solver, mechanism_solver_names(), where="solver")
+    notes = check_problem(without_poses(problem))
+    result = _Closest(problem, budget or Budget(), seed, form).run(solver, names, notes)
+    report(problem, result)
+    return result
+
+
+@dataclass(slots=True)
+class _Closest:
+    """Asks solvers one after the other for the closest configuration, and keeps the best that holds."""
+
+    problem: MechanismProblem
+    budget: Budget
+    seed: int
+    form: FormName
+
+    def run(self, solver: str, names: tuple[str, ...], notes: tuple[str, ...]) -> MechanismResult:
+        """The best of all candidates that the judge accepts but for their poses."""
+        cpu, wall = clock.cpu_seconds(), time.perf_counter()
+        kept, stages, rejected, stats = (
+            without_poses(self.problem),
+            StageLog(),
+            list(notes),
+            dict[str, float](),
+        )
+        best: tuple[float, Any, str] | None = None
+        bound, certificate, errors = 0.0, None, 0
+        for left, name in zip(range(len(names), 0, -1), names, strict=True):
+            spent = clock.cpu_seconds() - cpu
+            budget = replace(self.budget, cpu_s=max(self.budget.cpu_s - spent, 0.0)).shared(left)
+            budget = replace(budget, effort=self.budget.shared(len(names)).effort)
+            before = clock.cpu_seconds()
+            candidate = _guarded(
+                CLOSEST_SOLVERS[name], self.problem, budget, self.seed, **self._options(name)
+            )
+            stages.extend(candidate.stages, name, clock.cpu_seconds() - before)
+            stats |= {f"{name}.{key}": float(value) for key, value in candidate.stats.items()}
+            rejected += candidate.rejected
+            if candidate.error is not None:
+                errors += 1
+                rejected.append(f"{name} failed: {candidate.error}")
+            if candidate.bound_certificate is not None:
+                bound = max(bound, check_cost(self.problem, candidate.bound_certificate) or 0.0)
+            if candidate.certificate is not None and check_mechanism(kept, candidate.certificate) is None:
+                certificate = candidate.certificate
+                break
+            if candidate.q is not None:
+                cost = pose_cost(self.problem, candidate.q)
+                measured = judge_mechanism(kept, candidate.q, user_judge(self.problem))
+                stages.add("verify", note="; ".join(measured.reasons) or "accepted", solver=name)
+                rejected += measured.reasons
+                if measured.accepted and (best is None or cost < best[0]):
+                    best = cost, candidate.q, name
+        status = Status.NOT_FOUND if errors < len(names) else Status.SOLVER_ERROR
+        stats |= {"cpu_s": clock.cpu_seconds() - cpu, "time_s": time.perf_counter() - wall}
+        common: dict[str, Any] = {
+            "bound": bound,
+            "stats": stats,
+            "rejected": tuple(dict.fromkeys(rejected)),
+            "stages": stages.stages,
+        }
+        if best is None:
+            status = status if certificate is None else Status.UNREACHABLE
+            return MechanismResult(status, solver, certificate=certificate, **common)
+        cost, q, by = best
+        measured = judge_mechanism(self.problem, q, user_judge(self.problem))
+        held = judge_mechanism(kept, q, user_judge(self.problem))
+        measured = replace(measured, reasons=held.reasons)
+        return MechanismResult(Status.SOLVED, by, q=q, measured=measured, cost=cost, **common)
+
+    def _options(self, name: str) -> dict[str, Any]:
+        return {"form": self.form} if name == "ikspark" else {"user": user_judge(self.problem)}
+
+
+def _guarded(
+    where: str, problem: MechanismProblem, budget: Budget, seed: int, **options: Any
+) -> MechanismCandidate:
+    """A solver's candidate; whatever numerical failure happens inside becomes its `error`."""
+    try:
+        with np.errstate(all="ignore"):
+            found: MechanismCandidate = load(where)(problem, budget, seed, **options)
+            return found
+    except WorkcellError:
+        raise
+    except Exception as error:
+        return MechanismCandidate(error=f"{type(error).__name__}: {error}")
+    except BaseException as error:
+        # a panic in Clarabel's Rust code arrives outside the Exception hierarchy
+        if type(error).__name__ != "PanicException":
+            raise
+        return MechanismCandidate(error=f"the conic solver panicked: {error}")
 
 
 @dataclass(slots=True)
@@ -146,22 +275,7 @@ class _Turns:
         return answer(Status.SOLVER_ERROR if failed else Status.NOT_FOUND, self.name)
 
     def _call(self, name: str, budget: Budget, seed: int) -> MechanismCandidate:
-        """A turn's candidate; whatever numerical failure happens inside becomes its `error`."""
         options: dict[str, Any] = (
             {"form": self.form} if name == "ikspark" else {"user": user_judge(self.problem)}
         )
-        try:
-            with np.errstate(all="ignore"):
-                found: MechanismCandidate = load(MECHANISM_SOLVERS[name])(
-                    self.problem, budget, seed, **options
-                )
-                return found
-        except WorkcellError:
-            raise
-        except Exception as error:
-            return MechanismCandidate(error=f"{type(error).__name__}: {error}")
-        except BaseException as error:
-            # a panic in Clarabel's Rust code arrives outside the Exception hierarchy
-            if type(error).__name__ != "PanicException":
-                raise
-            return MechanismCandidate(error=f"the conic solver panicked: {error}")
+        return _guarded(MECHANISM_SOLVERS[name], self.problem, budget, seed, **options)

@@ -1,9 +1,9 @@
 """A thin layer over Clarabel: cone programs whose pattern is fixed and whose numbers change from solve to solve.
 
-The form is Clarabel's: minimise q.x subject to A x + s = b, s in K, with K a product of {0}, a nonnegative
-orthant, second-order cones, PSD triangles, exponential and power cones, in this order. A PSD triangle holds the upper
-triangle stacked by columns with off-diagonal entries times sqrt(2) (`svec`), so that inner products of matrices are
-those of vectors.
+The form is Clarabel's: minimise x.P x / 2 + q.x (P is mostly zero) subject to A x + s = b, s in K, with K a product of
+{0}, a nonnegative orthant, second-order cones, PSD triangles, exponential and power cones, in this order. A triangle of
+a PSD matrix is its upper one, stacked by columns with off-diagonal entries times sqrt(2) (`svec`), so that inner
+products of matrices are those of vectors.
 """
 
 from __future__ import annotations
@@ -147,9 +147,12 @@ class ConicSolver:
         b: (rows,) right-hand side.
         cones: how the rows are to be read.
         tolerance: gap and feasibility tolerance.
+        P: scipy CSC matrix (variables, variables), the upper triangle of a PSD one; None: zero.
     """
 
-    def __init__(self, A: Any, b: Array, cones: Cones, *, tolerance: float = 1e-6) -> None:
+    def __init__(
+        self, A: Any, b: Array, cones: Cones, *, tolerance: float = 1e-6, P: Any | None = None
+    ) -> None:
         import clarabel
         from scipy.sparse import csc_matrix
 
@@ -163,11 +166,11 @@ class ConicSolver:
         self.cones = cones
         self.solves = 0
         self._solver = clarabel.DefaultSolver(
-            csc_matrix((n, n)), np.zeros(n), A, b, blocks, _settings(tolerance)
+            csc_matrix((n, n)) if P is None else P, np.zeros(n), A, b, blocks, _settings(tolerance)
         )
 
     def solve(self, q: Array, *, b: Array | None = None, values: Array | None = None) -> ConicSolution:
-        """Minimise q.x; `b` and `values` (A's stored entries, in CSC order) replace the earlier numbers if given."""
+        """Minimise x.P x / 2 + q.x; `b` and `values` (A's entries, in CSC order), if given, replace earlier ones."""
         if b is not None:
             self._solver.update(b=b)
         if values is not None:

@@ -113,6 +113,10 @@ class Program:
         return replace(solution, x=solution.x[: self.size])
 
     def _made(self, tolerance: float) -> ConicSolver:
+        A, b, cones = self._assembled()
+        return ConicSolver(A, b, cones, tolerance=tolerance)
+
+    def _assembled(self) -> tuple[Any, Array, Cones]:
         from scipy.sparse import csc_matrix
 
         zero = [self._stacked("zero")[self._kept_equalities]]
@@ -124,9 +128,8 @@ class Program:
         cones = Cones(sum(map(len, zero)), sum(map(len, nonneg)), tuple(len(rows) for rows in soc), orders)
         f = np.vstack([*zero, *nonneg, *soc, *psd])
         if self._extra is None:
-            return ConicSolver(csc_matrix(-f[:, :-1]), f[:, -1], cones, tolerance=tolerance)
-        A, b, cones = _merged(f, cones, self._extra)
-        return ConicSolver(A, b, cones, tolerance=tolerance)
+            return csc_matrix(-f[:, :-1]), f[:, -1], cones
+        return _merged(f, cones, self._extra)
 
     def multipliers(self, z: Array) -> Multipliers | None:
         """A dual z by families of rows; None where rows that are no part of the relaxation have a share in it."""

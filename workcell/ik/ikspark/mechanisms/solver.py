@@ -93,7 +93,7 @@ class _Search:
         self.stages, self.rejected = StageLog(), list[str]()
         self.relaxation = Relaxation.of(problem, form)
         self.lift, self.blocks = self.relaxation.lift, self.relaxation.lift.blocks
-        self.parts = Parts.of(self.relaxation, _user_rows(problem, self.lift))
+        self.parts = Parts.of(self.relaxation, user_rows(problem, self.lift))
         self._directions = Directions(self.lift, self.parts, np.random.default_rng(seed), loose(problem))
         spheres = problem.cover is not None and len(problem.cover) > 0
         self._avoid = Avoidance(problem, self.lift) if spheres else None
@@ -292,7 +292,7 @@ def user_judge(problem: MechanismProblem) -> Callable[[Array], list[str]] | None
     return partial(violations, problem)
 
 
-def _user_rows(problem: MechanismProblem, lift: MechanismLift) -> UserRows | None:
+def user_rows(problem: MechanismProblem, lift: MechanismLift) -> UserRows | None:
     """Users' constraints as rows; cvxpy is imported for them alone."""
     if not problem.constraints:
         return None

@@ -8,23 +8,27 @@ from dataclasses import replace
 
 import numpy as np
 
-from workcell import FrameGoal, FrameWaypoint, InRegion, Job, MechanismSteps, Pose
+from workcell import FrameWaypoint, InRegion, Job, MechanismSteps, Pose
 
-STEPS = MechanismSteps(max_step=0.4, max_link_rotation=None)
+STEPS = MechanismSteps(max_step=0.15, max_link_rotation=0.28)
 
 
 def touching(job: Job, gap: float) -> FrameWaypoint:
-    """Every fingertip `gap` metres over its face, the pad towards it."""
+    """Every fingertip `gap` metres over its face."""
     task, T = job.scene.task, resting(job)
-    half, goals, regions = np.full(3, task["half"]), [], []
+    half, regions = np.full(3, task["half"]), []
     for contact in task["contacts"]:
-        ball, lift, face = f"{contact['finger']}_ball", contact["radius"] + gap, contact["face"]
-        region = InRegion.on_face(ball, T, half, face, inset=task["inset"], lift=lift)
-        outward = region.A[:1]
+        ball, lift = f"{contact['finger']}_ball", contact["radius"] + gap
+        region = InRegion.on_face(ball, T, half, contact["face"], inset=task["inset"], lift=lift)
         inner = (0.0, 0.0, -contact["length"])  # the other end of the fingertip is over the face as well
-        regions += [region, InRegion.polytope(ball, -outward, -region.b[:1], inner)]
-        goals.append(FrameGoal.pointing(f"{contact['finger']}_tip", -outward[0], within=task["lean"]))
-    return FrameWaypoint(tuple(goals), tuple(regions))
+        regions += [region, InRegion.polytope(ball, -region.A[:1], -region.b[:1], inner)]
+    return FrameWaypoint((), tuple(regions))
+
+
+def pressing(job: Job) -> dict[str, np.ndarray]:
+    """The force of every fingertip on its face, in the world."""
+    contacts, faces = job.scene.task["contacts"], touching(job, 0.0).regions[::2]
+    return {face.frame: -c["force"] * face.A[0] for c, face in zip(contacts, faces, strict=True)}
 
 
 def resting(job: Job) -> Pose:
@@ -38,25 +42,26 @@ def run(job: Job) -> None:
     contacts, thing = task["contacts"], task["thing"]
     pairs = [(contact["geom"], thing) for contact in contacts]
     with job.phase("planning"):
-        free, allowed = job.mechanism_problem(safety_margin=0.001), job.mechanism_problem(touching=pairs)
+        free = job.mechanism_problem(safety_margin=task["clear"], overshoot=None)
+        allowed = job.mechanism_problem(touching=pairs, safety_margin=task["clear"], overshoot=None)
         over, *nearer = (touching(job, gap) for gap in task["gaps"])
-        posture = replace(free, goals=over.goals, regions=over.regions, q_reference=hand.start)
+        posture = replace(free, regions=over.regions, q_reference=hand.start)
         q_over = job.pose(posture, "approach posture").unwrap()
-        approach = job.time_mechanism(free, job.straight(hand.start, q_over), "motion to the posture")
+        there = job.move_mechanism(free, hand.start, q_over, "way to the posture")
+        approach = job.time_mechanism(free, there, "motion to the posture")
         closing = job.follow_frames(allowed, nearer, q_over, STEPS, "fingers to their faces")
         grasp = job.time_mechanism(allowed, closing, "motion to the faces")
         turned = np.array(closing.end)
         turned[hand.mechanism.value_slices[hand.mechanism.joint(task["wrist"])]] += task["lift"]
-        lifting = job.time_mechanism(allowed, job.straight(closing.end, turned), "lifting by the wrist")
+        up = job.move_mechanism(allowed, closing.end, turned, "way of the wrist")
+        lifting = job.time_mechanism(allowed, up, "motion of the wrist")
 
     with job.phase("execution"):
         simulation = job.mechanism_simulation()
         simulation.execute(approach, "approaching the cube")
         simulation.expect(pairs)
         simulation.execute(grasp, "closing the fingers")
-        outward = {"+x": [1.0, 0.0, 0.0], "-x": [-1.0, 0.0, 0.0]}
-        forces = {f"{c['finger']}_ball": -c["force"] * np.array(outward[c["face"]]) for c in contacts}
-        simulation.press(forces, task["press_s"])
+        simulation.press(pressing(job), task["press_s"])
         simulation.hold(task["hold_s"])
         simulation.execute(lifting, "lifting the cube")
         simulation.hold(task["hold_s"])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import Any, NoReturn
 
@@ -215,10 +215,16 @@ class Job:
         return self.mechanisms.moving
 
     def mechanism_problem(
-        self, *, touching: Iterable[tuple[str, str]] = (), safety_margin: float = 0.0
+        self,
+        *,
+        touching: Sequence[tuple[str, str]] = (),
+        safety_margin: float = 0.0,
+        overshoot: float | None = 0.02,
     ) -> MechanismProblem:
-        """A question about the mechanism without goals yet: no contact but of the pairs of geoms in `touching`."""
-        return self.mechanisms.mechanism_problem(touching=touching, safety_margin=safety_margin)
+        """A question about the mechanism without goals yet: nothing touches but the pairs of geoms in `touching`."""
+        return self.mechanisms.mechanism_problem(
+            touching=touching, safety_margin=safety_margin, overshoot=overshoot
+        )
 
     def pose(self, problem: MechanismProblem, what: str) -> MechanismResult:
         """A verified configuration of the mechanism."""
@@ -235,9 +241,11 @@ class Job:
         """A continuous way of the mechanism through what is asked of its frames at the waypoints."""
         return self.mechanisms.follow_frames(problem, waypoints, q_start, steps, what)
 
-    def straight(self, q_from: Array, q_to: Array) -> MechanismPath:
-        """The way on which the mechanism's motors go straight from a configuration to another."""
-        return self.mechanisms.straight(q_from, q_to)
+    def move_mechanism(
+        self, problem: MechanismProblem, q_from: Array, q_to: Array, what: str
+    ) -> MechanismPath:
+        """A way of the mechanism between two configurations: motors straight, or by one configuration between."""
+        return self.mechanisms.move_mechanism(problem, q_from, q_to, what)
 
     def time_mechanism(
         self,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from workcell.ik.mechanisms.problem import MechanismProblem, MechanismTolerances
 from workcell.ik.mechanisms.result import MechanismResult
 from workcell.model.mechanism.placing import place
 from workcell.model.scene_mechanism import SceneMechanism
+from workcell.motion.mechanisms.detour import way_between
 from workcell.motion.mechanisms.follow import (
     FrameWaypoint,
     MechanismSolver,
@@ -26,6 +27,7 @@ from workcell.motion.mechanisms.planners import mechanism_solver
 from workcell.motion.mechanisms.timing import MotionLimits, time_mechanism
 from workcell.pose import Array
 from workcell.task.story import Story
+from workcell.world.mechanism_world import MechanismWorld
 
 LOOK_EVERY = 0.02
 """Radians or metres of a motor after which a timed motion is looked at again."""
@@ -64,14 +66,24 @@ class MechanismPlanning:
         return mechanism_solver(self.planner, seed=self.seed)
 
     def mechanism_problem(
-        self, *, touching: Iterable[tuple[str, str]] = (), safety_margin: float = 0.0
+        self,
+        *,
+        touching: Sequence[tuple[str, str]] = (),
+        safety_margin: float = 0.0,
+        overshoot: float | None = 0.02,
     ) -> MechanismProblem:
-        """A question about the mechanism without goals yet: no contact but of the pairs of geoms in `touching`."""
-        return MechanismProblem(
-            self.moving.mechanism,
-            touching=tuple(touching),
-            tolerances=MechanismTolerances(safety_margin=safety_margin),
-        )
+        """A question about the mechanism without goals yet, in its scene.
+
+        Nothing touches but the pairs of geoms in `touching`. `overshoot` (metres) is how far the spheres that solvers
+        see may be larger than what they stand for; None: they see none, and the judge alone says what touches.
+        """
+        scene = self.story.scene
+        if overshoot is None:
+            tolerances = MechanismTolerances(safety_margin=safety_margin)
+            return MechanismProblem(self.moving.mechanism, touching=tuple(touching), tolerances=tolerances)
+        world = MechanismWorld.of(scene, touching=touching, overshoot=overshoot, seed=self.seed)
+        self.story.recording.log_mechanism_cover(world.cover)
+        return world.problem(margin=safety_margin)
 
     def pose(self, problem: MechanismProblem, what: str) -> MechanismResult:
         """A verified configuration; without one the task ends with why."""
@@ -110,9 +122,20 @@ class MechanismPlanning:
         self._log_way(path)
         return path
 
-    def straight(self, q_from: Array, q_to: Array) -> MechanismPath:
-        """The way on which motors go straight from a configuration to another; nothing is said of what is in it."""
-        path = MechanismPath(self.moving.mechanism, np.array([q_from, q_to]))
+    def move_mechanism(
+        self, problem: MechanismProblem, q_from: Array, q_to: Array, what: str
+    ) -> MechanismPath:
+        """A way on which motors go straight, or by one configuration between; without one the task ends with why.
+
+        It is looked at by the compiled model wherever a number has changed by twice `LOOK_EVERY`; see `way_between`.
+        """
+        asked = _without_goals(problem)
+        straight = MechanismPath(self.moving.mechanism, np.array([q_from, q_to]))
+        path, wrong = way_between(straight, lambda q: judge_mechanism(asked, q), 2.0 * LOOK_EVERY, self.seed)
+        if path is None:
+            self.story.fail("NOT_FOUND", f"{what}: no way was found; on the straight one {wrong}")
+        how = "straight" if len(path) == 2 else "by one configuration between"
+        self.story.say(f"{what}: {how}")
         self._log_way(path)
         return path
 
@@ -147,9 +170,7 @@ class MechanismPlanning:
             motion = time_mechanism(path, limits, step, share=share)
         except InputError as error:
             self.story.fail("TIMING", f"{what}: {error.message}")
-        asked = replace(
-            problem, goals=(), regions=(), q_reference=None, max_step=None, max_link_rotation=None
-        )
+        asked = _without_goals(problem)
         looked = look_along(motion, lambda q: judge_mechanism(asked, q), LOOK_EVERY)
         if looked.reason:
             self.story.fail("COLLISION", f"{what}: the timed motion is none that may be: {looked.reason}")
@@ -160,6 +181,11 @@ class MechanismPlanning:
             f"of {motors.names()[busiest]}"
         )
         return motion
+
+
+def _without_goals(problem: MechanismProblem) -> MechanismProblem:
+    """What must hold on the way: ties, limits, clearance, the user's constraints."""
+    return replace(problem, goals=(), regions=(), q_reference=None, max_step=None, max_link_rotation=None)
 
 
 def _forces(motors: MotorForces, motion: MechanismMotion) -> Array:

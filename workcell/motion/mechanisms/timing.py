@@ -22,7 +22,7 @@ from workcell.model.mechanism.mechanism import Mechanism
 from workcell.model.mechanism.placing import place
 from workcell.motion.mechanisms.path import MechanismMotion, MechanismPath
 from workcell.motion.timing.phase_plane import PhaseRows, Timing, fastest_squared_speed, phase_grid
-from workcell.motion.timing.spline import SMALLEST, JointSpline
+from workcell.motion.timing.spline import SMALLEST, JointSpline, spline_inside
 from workcell.pose import Array
 
 if TYPE_CHECKING:
@@ -34,6 +34,8 @@ Share = Callable[[MechanismMotion], float]
 _KNOT = 0.015
 """By how much numbers of a configuration change from one place at which the ties are closed to the next."""
 _GRID = 300
+_SUPPORT = 0.02
+"""Radians or metres from a sharp corner to the first of the points that hold the motion on straight lines."""
 _TWIN = 1e-6
 """Waypoints whose motors differ by less are one."""
 _ROUNDS, _ROOM = 8, 1.002
@@ -114,7 +116,8 @@ class _Way:
                 kept.append(q)
         if len(kept) < 2:
             raise InputError("nothing moves on this way", where="path")
-        way = _Way(mechanism, motors, JointSpline.through(np.array(kept)), given_rates(mechanism))
+        spline = spline_inside(np.array(kept), *_ranges(mechanism), _SUPPORT)
+        way = _Way(mechanism, motors, spline, given_rates(mechanism))
         halves = way.spline.derivatives(way.spline.knots[:-1] + 0.5 * np.diff(way.spline.knots))[0]
         if all(not close(mechanism, _united(mechanism, half[None])[0]).yielded for half in halves):
             return way
@@ -152,6 +155,16 @@ class _Way:
         knots = np.array([self.closed(float(a), b) for a, b in zip(s, guesses, strict=True)])
         _align(self.mechanism, knots)
         return CubicSpline(s, knots)
+
+
+def _ranges(mechanism: Mechanism) -> tuple[Array, Array, list[str]]:
+    """(size,) limits of hinges and slides, none of others, and whose every number is."""
+    lower, upper, names = np.full(mechanism.size, -np.inf), np.full(mechanism.size, np.inf), []
+    for joint, at in zip(mechanism.joints, mechanism.value_slices, strict=True):
+        names += [joint.name] * (at.stop - at.start)
+        if joint.kind in ("hinge", "slide"):
+            lower[at], upper[at] = joint.lower, joint.upper
+    return lower, upper, names
 
 
 def _sampled(

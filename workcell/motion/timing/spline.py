@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from workcell.errors import InputError
+from workcell.model.robot import LIMIT_SLACK
 from workcell.motion.path import Path
 from workcell.pose import Array
 
@@ -84,25 +86,43 @@ class JointSpline:
 
 
 def spline_within_limits(path: Path, support: float) -> JointSpline:
-    """A spline that keeps the joint limits: where it would swing beyond one, inner points move inside by as much.
+    """A spline that keeps the joint limits, see `spline_inside`."""
+    robot, twin = path.robot, _TOOL_TWIN if path.tool_poses else _TWIN
+    waypoints = _without_twins(path.configurations, twin)
+    return spline_inside(waypoints, robot.lower, robot.upper, robot.joint_names, support)
+
+
+def spline_inside(
+    waypoints: Array, lower: Array, upper: Array, names: Sequence[str], support: float
+) -> JointSpline:
+    """A spline that keeps limits: where it would swing beyond one, inner points move inside by as much.
 
     Where that is not enough, support points at every corner shorten the swings first.
+
+    Args:
+        waypoints: (k, n).
+        lower, upper: (n,) limits.
+        names: of the n numbers, for messages.
+        support: distance from a sharp corner to the first of the extra points that hold the motion on straight lines.
+
+    Raises:
+        InputError: nothing moves, or no such spline was found.
     """
-    robot, twin = path.robot, _TOOL_TWIN if path.tool_poses else _TWIN
+    low, high = lower - LIMIT_SLACK, upper + LIMIT_SLACK
     for ringing in (_RINGING, 0.0):
-        points = _with_support(_without_twins(path.configurations, twin), support, ringing)
+        points = _with_support(waypoints, support, ringing)
         for _ in range(_ROUNDS):
             spline = JointSpline.through(points)
             smallest, largest = spline.extremes()
-            if np.all(robot.within_limits(smallest) & robot.within_limits(largest)):
+            if np.all((smallest >= low) & (largest <= high)):
                 return spline
-            beyond = np.maximum(largest - robot.upper, 0.0) - np.maximum(robot.lower - smallest, 0.0)
+            beyond = np.maximum(largest - upper, 0.0) - np.maximum(lower - smallest, 0.0)
             worst = np.where(np.abs(beyond[1:]) > np.abs(beyond[:-1]), beyond[1:], beyond[:-1])
             points = points.copy()
             points[1:-1] -= 1.2 * worst
     k = int(np.argmax(np.abs(beyond).max(axis=0)))
     raise InputError(
-        f"between waypoints the smooth motion would leave the limits of {robot.joint_names[k]}",
+        f"between waypoints the smooth motion would leave the limits of {names[k]}",
         where="path",
         remedy="keep the waypoints a little further inside the joint limits",
     )

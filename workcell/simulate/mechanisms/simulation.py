@@ -116,13 +116,13 @@ class MechanismSimulation(Runner):
             )
         if motion.q.shape[1] != len(self._reference):
             raise InputError(f"the motion is one of {motion.mechanism.name}", where="motion")
+        if self.stop is not None:
+            return False
         gap = float(np.abs(difference(self.moving.mechanism, self._reference, motion.q[0])).max())
         if gap > _START_TOLERANCE:
             raise InputError(
                 f"the motion begins {gap:.3g} rad (m) away from where the mechanism should be", where="motion"
             )
-        if self.stop is not None:
-            return False
         if label:
             self.log(f"{label}: {motion.duration:.2f} s")
         velocity, acceleration = motion.rates()

@@ -35,6 +35,7 @@ _PROVIDERS = (
     "workcell.bench.geometry.free_space",
     "workcell.bench.strangers.table",
     "workcell.bench.forgeries.table",
+    "workcell.bench.forgeries.mechanisms",
 )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import tempfile
-import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 
 from workcell.bench.forgeries.honest import Case, cases
 from workcell.bench.forgeries.mutants import CHANGES, Document, forged
+from workcell.bench.forgeries.tally import Tally
 from workcell.bench.rows import Bench, Row
 from workcell.errors import WorkcellError
 from workcell.ik.certificate import Certificate
@@ -96,7 +96,7 @@ def exact_refusal(problem: Problem, text: str) -> str | None:
 
 
 def forgery_rows(n: int, seed: int, sets: Path | None) -> list[Row]:
-    """One row a kind of proof, see `_Tally`: what the first checker makes of `n` forgeries."""
+    """One row a kind of proof, see `Tally`: what the first checker makes of `n` forgeries."""
     problems = {(case.name, own): case.problem(own=own) for case in cases() for own in (True, False)}
     return _rows(n, seed, "forgeries", refusal, problems)
 
@@ -117,10 +117,15 @@ def _rows(
     checker: Callable[[Any, str], str | None],
     problems: Mapping[tuple[str, bool], Any],
 ) -> list[Row]:
-    tallies: dict[str, _Tally] = {}
+    tallies: dict[str, Tally] = {}
     for forgery in forgeries(n, seed):
-        tally = tallies.setdefault(str(forgery.case.certificate["kind"]), _Tally())
-        tally.hand_in(forgery, checker, problems[forgery.case.name, forgery.own])
+        tally = tallies.setdefault(str(forgery.case.certificate["kind"]), Tally())
+        tally.hand_in(
+            f"{forgery.case.name}, {forgery.change}: ",
+            forgery.text,
+            checker,
+            problems[forgery.case.name, forgery.own],
+        )
     return [tallies[kind].row(f"{name}/{kind}") for kind in sorted(tallies)]
 
 
@@ -129,43 +134,6 @@ def _exact_problem(document: Document) -> Problem:
         file = Path(folder) / "set.json"
         file.write_text(json.dumps(document), encoding="utf-8")
         return read_problems(file)["one"]
-
-
-@dataclass(slots=True)
-class _Tally:
-    """What a checker made of one kind's forgeries.
-
-    How many were handed in, accepted, ended in an error that is no answer; seconds; the first that did either.
-    """
-
-    tried: int = 0
-    accepted: int = 0
-    errors: int = 0
-    spent: float = 0.0
-    first: str = ""
-
-    def hand_in(self, forgery: Forgery, checker: Callable[[Any, str], str | None], problem: Any) -> None:
-        started = time.process_time()
-        where = f"{forgery.case.name}, {forgery.change}: "
-        try:
-            if checker(problem, forgery.text) is None:
-                self.accepted += 1
-                self.first = self.first or where + forgery.text[:2000]
-        except Exception as error:  # whatever it is, it is no answer
-            self.errors += 1
-            self.first = self.first or where + repr(error)
-        self.spent += time.process_time() - started
-        self.tried += 1
-
-    def row(self, name: str) -> Row:
-        return {
-            "row": name,
-            "n": self.tried,
-            "accepted": self.accepted,
-            "errors": self.errors,
-            "cpu_ms": 1e3 * self.spent / max(self.tried, 1),
-            "first": self.first,
-        }
 
 
 BENCHES = (

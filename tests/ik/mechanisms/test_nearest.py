@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from tests.ik.arms import random_arm
+from tests.ik.arms import planar, random_arm
 from tests.ik.mechanisms.cases import four_bar, platform
 from workcell.errors import InputError
-from workcell.ik.mechanisms.goals import FrameGoal
+from workcell.ik.mechanisms.goals import FrameGoal, InRegion
 from workcell.ik.mechanisms.judge import judge_mechanism
 from workcell.ik.mechanisms.nearest import _Descent, nearest_mechanism, pose_cost, without_poses
 from workcell.ik.mechanisms.problem import MechanismProblem
@@ -61,6 +61,16 @@ def test_loops_stay_closed(mechanism):
         near = moved(mechanism, found.q, rng.uniform(-1e-3, 1e-3, mechanism.dof))
         other = nearest_mechanism(problem, near, steps=0)
         assert other.worst > 1e-7 or other.cost >= found.cost - 1e-4
+
+
+def test_a_region_holds_where_the_goal_is_beyond_it():
+    mechanism = of_robot(planar((0.5, 0.4)))
+    frame = frame_of(mechanism)
+    region = InRegion.polytope(frame, np.array([[1.0, 0.0, 0.0]]), np.array([0.5]))
+    problem = MechanismProblem(mechanism, (FrameGoal.at(frame, [2.0, 0.3, 0.0]),), (region,))
+    found = nearest_mechanism(problem, [1.0, 0.5], steps=200)
+    assert judge_mechanism(without_poses(problem), found.q).accepted
+    assert found.cost == pytest.approx(1.5**2, abs=1e-3)
 
 
 def test_without_goals_it_is_the_polish_and_numbers_that_are_none_are_refused():

@@ -27,7 +27,7 @@ from workcell.pose import Array, read_only
 KEPT = 1e-7
 """Metres (radians) that what has to hold may be missed by."""
 _LEAST_GAIN = 1e-7
-"""Share of the cost that two steps must gain."""
+"""Share of the cost that a step must gain to be followed by another of its kind."""
 _FLAT = 1e-8
 """Slope of the cost along what is open that is none."""
 _LEAST_BEND = 1e-3
@@ -36,9 +36,9 @@ _PROBE = 1e-6
 """Step of the tangent over which curvatures are measured."""
 _SAME = 1e-6
 """Share of the largest singular value of what has to hold below which rows say the same."""
-_AT_LIMIT = 1e-7
-"""Radians or metres from a limit that are at it."""
-_TRIALS = 8
+_NEAR = (1e-2, 1e-4, 1e-7)
+"""Radians or metres from a limit, in turn, that are at it."""
+_TRIALS = 6
 _BACK = 20
 """Steps of the polish that brings a step back."""
 
@@ -146,20 +146,19 @@ class _Descent:
         self._errors, self._more = _Errors(problem), more
 
     def run(self, begin: Array, steps: int) -> Nearest:
-        """Downhill until it is flat."""
+        """Downhill until it is flat, with what is within ever less of its limit counted as at it."""
         back = self._back(begin, 3 * _BACK)
         here, made = self._here(back.q), 0
-        before = [np.inf, np.inf]
-        while made < steps and back.worst <= KEPT and here.cost < (1.0 - _LEAST_GAIN) * before[-2]:
-            made += 1
-            before.append(here.cost)
-            Z, slope = self._open(here)
-            if not np.abs(slope).max(initial=0.0) > _FLAT:
-                break
-            found = self._step(here, Z, slope)
-            if found is None:
-                break
-            here, back = found
+        for near in _NEAR if back.worst <= KEPT else ():
+            while made < steps:
+                found = self._step(here, near)
+                made += 1
+                if found is None:
+                    break
+                gained = here.cost - found[0].cost
+                here, back = found
+                if not gained > _LEAST_GAIN * here.cost:
+                    break
         changed = np.abs(difference(self.mechanism, begin, here.q)).max(initial=0.0)
         return Nearest(here.q, here.cost, back.worst, float(changed), made)
 
@@ -178,54 +177,57 @@ class _Descent:
         error, slopes = self._errors.at(rows.placed)
         return _Here(q, float(error @ error), 2.0 * error @ slopes, rows)
 
-    def _open(self, here: _Here) -> tuple[Array, Array]:
-        """Orthonormal columns Z (dof, k) of what is open, and the cost's slope (k,) along them."""
-        q = self._at_limits(here.q)
+    def _step(self, here: _Here, near: float) -> tuple[_Here, MechanismPolished] | None:
+        """The next configuration; None: none is lower."""
+        q = self._at_limits(here.q, near)
+        rows = self._ahead(here, near)
         free = ~self._residuals.held(q, np.zeros(len(here.slope)))
-        # inequalities that going downhill would break
-        ahead = -_PROBE / max(float(np.abs(here.slope).max(initial=0.0)), 1e-300) * here.slope
-        J = self._rows(moved(self.mechanism, here.q, ahead)).slope
+        Z = _null(rows.slope, free)
         for _ in range(len(free)):
-            Z = _null(J, free)
             along = Z @ (Z.T @ here.slope)
             stuck = self._residuals.held(q, along) & free
             if not stuck.any():
                 break
             free &= ~stuck
-        return Z, Z.T @ here.slope
-
-    def _step(self, here: _Here, Z: Array, slope: Array) -> tuple[_Here, MechanismPolished] | None:
-        """The next configuration; None: none is lower."""
+            Z = _null(rows.slope, free)
+        step = np.where(free, 0.0, difference(self.mechanism, here.q, q))
+        if rows is not here.rows:  # up to what it would break, no further
+            step[free] -= np.linalg.lstsq(rows.slope[:, free], rows.value + rows.slope @ step, rcond=_SAME)[0]
+        slope = Z.T @ here.slope
+        if not max(np.abs(slope).max(initial=0.0), np.abs(step).max(initial=0.0)) > _FLAT:
+            return None
         values, vectors = np.linalg.eigh(self._bends(here, Z))
         bend = np.maximum(np.abs(values), _LEAST_BEND)
-        step = -(Z @ (vectors @ ((vectors.T @ slope) / bend)))
-        longest = np.abs(step).max(initial=0.0)
-        step *= min(1.0, LONGEST_STEP / max(longest, 1e-300))
-        for trial in range(_TRIALS):
+        return self._lower(here, step - Z @ (vectors @ ((vectors.T @ slope) / bend)))
+
+    def _ahead(self, here: _Here, near: float) -> Rows:
+        """What has to hold, with inequalities that going so far downhill would break, as it is here."""
+        ahead = -near / max(float(np.abs(here.slope).max(initial=0.0)), 1e-300) * here.slope
+        rows = self._rows(moved(self.mechanism, here.q, ahead))
+        if len(rows.value) == len(here.rows.value):
+            return here.rows
+        return Rows(here.rows.placed, rows.value - rows.slope @ ahead, rows.slope)
+
+    def _lower(self, here: _Here, step: Array) -> tuple[_Here, MechanismPolished] | None:
+        """Where a step or a part of it leads, brought back to what has to hold, if it is lower there."""
+        step = step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max(initial=0.0)), 1e-300))
+        for _ in range(_TRIALS):
             there = self._residuals.clipped(moved(self.mechanism, here.q, step))
             back = self._back(there)
             if back.worst <= KEPT:
                 found = self._here(np.array(back.q))
                 if found.cost < here.cost - 1e-15:
                     return found, back
-            step = (self._room(here.q, step) if trial == 0 else 0.25) * step
+            step = 0.25 * step
         return None
 
-    def _at_limits(self, q: Array) -> Array:
-        """The configuration with what is at a limit but for rounding exactly there."""
+    def _at_limits(self, q: Array, near: float) -> Array:
+        """The configuration with what is near a limit exactly there."""
         own, found = self._residuals.value_of >= 0, np.array(q)
         at = self._residuals.value_of[own]
         for limit in (self._residuals.lower[own], self._residuals.upper[own]):
-            found[at] = np.where(np.abs(found[at] - limit) < _AT_LIMIT, limit, found[at])
+            found[at] = np.where(np.abs(found[at] - limit) < near, limit, found[at])
         return found
-
-    def _room(self, q: Array, step: Array) -> float:
-        """The share of a step until the first number that is not at its limit gets there, at most a quarter."""
-        own = self._residuals.value_of >= 0
-        here, by = self._at_limits(q)[self._residuals.value_of[own]], step[own]
-        limit = np.where(by > 0.0, self._residuals.upper[own], self._residuals.lower[own])
-        room = np.where((by != 0.0) & (limit != here), (limit - here) / np.where(by == 0.0, 1.0, by), np.inf)
-        return float(np.clip(room, 0.0, 0.25).min(initial=0.25))
 
     def _bends(self, here: _Here, Z: Array) -> Array:
         """(k, k) curvature of the cost along what is open, that of what has to hold taken into account."""

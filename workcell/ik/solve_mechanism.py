@@ -29,6 +29,7 @@ from workcell.ik.stages import SolverStage, StageLog
 MECHANISM_SOLVERS: Mapping[str, str] = MappingProxyType(
     {
         "ikspark": "workcell.ik.ikspark.mechanisms.solver:solve_mechanism_ikspark",
+        "chains": "workcell.ik.branch.mechanisms:solve_mechanism_chains",
         "multistart": "workcell.ik.multistart.mechanisms:solve_mechanism_multistart",
     }
 )
@@ -44,7 +45,8 @@ _ROUNDS = 12
 _TURNS = (
     ("multistart", 0.05),
     ("ikspark", 0.3),
-    *((name, 0.5 * 2**k) for k in range(_ROUNDS) for name in ("multistart", "ikspark")),
+    ("chains", 0.3),
+    *((name, 0.5 * 2**k) for k in range(_ROUNDS) for name in ("multistart", "ikspark", "chains")),
 )
 """Turns of `auto`: whose, and how long in seconds of work on a quiet core."""
 
@@ -66,7 +68,8 @@ def solve_mechanism(
 
     Args:
         problem: the question.
-        solver: `ikspark` (convex, with proofs), `multistart` (local search from random starts), or `auto`: in turns.
+        solver: `ikspark` (convex, with proofs), `chains` (branch and bound on serial chains between the world and the
+            goals, with proofs), `multistart` (local search from random starts), or `auto`: in turns.
         budget: CPU seconds and work; default `Budget()`. Zero: NOT_FOUND at once.
         seed: same problem, solver and seed, same answer, as far as the budget reaches.
         form: of ikspark's lift of rotations: `quaternion` (4x4) or `rotation` (7x7).
@@ -275,7 +278,9 @@ class _Turns:
         return answer(Status.SOLVER_ERROR if failed else Status.NOT_FOUND, self.name)
 
     def _call(self, name: str, budget: Budget, seed: int) -> MechanismCandidate:
-        options: dict[str, Any] = (
-            {"form": self.form} if name == "ikspark" else {"user": user_judge(self.problem)}
-        )
+        options: dict[str, Any] = {}
+        if name == "ikspark":
+            options = {"form": self.form}
+        elif name == "multistart":
+            options = {"user": user_judge(self.problem)}
         return _guarded(MECHANISM_SOLVERS[name], self.problem, budget, seed, **options)

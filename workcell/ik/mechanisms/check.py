@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from workcell.ik.certificate import Certificate, Scope
 from workcell.ik.claims.form import WIDEST, overclaims, wrong_form
+from workcell.ik.mechanisms.chains.check import KIND as CHAIN_KIND
+from workcell.ik.mechanisms.chains.check import check_chain
 from workcell.ik.mechanisms.hashing import mechanism_hash
 from workcell.ik.mechanisms.problem import MechanismProblem
 from workcell.ik.mechanisms.proofs.bound import ROUNDING, upper_bound
@@ -25,7 +27,9 @@ SCOPE: Scope = "kinematics"
 
 
 def check_mechanism(problem: MechanismProblem, certificate: Certificate) -> str | None:
-    """Why a certificate of kind `mechanism/1` proves nothing about `problem`, or None when it holds."""
+    """Why a certificate of kind `mechanism/1` or `mechanism_chain/1` proves nothing about `problem`; None: it holds."""
+    if certificate.kind == CHAIN_KIND:
+        return check_chain(problem, certificate)
     refusal = _wrong(problem, certificate, KIND, reached=True)
     if refusal is not None:
         return refusal

@@ -120,7 +120,7 @@ def closest_configuration(
     """
     names = tuple(CLOSEST_SOLVERS) if solver == AUTO else (solver,)
     if not set(names) <= set(CLOSEST_SOLVERS):
-        raise UnknownNameError("solver", solver, mechanism_solver_names(), where="solver")
+        raise UnknownNameError("solver", solver, (AUTO, *CLOSEST_SOLVERS), where="solver")
     notes = check_problem(without_poses(problem))
     result = _Closest(problem, budget or Budget(), seed, form).run(solver, names, notes)
     report(problem, result)

@@ -68,6 +68,8 @@ def test_adjacent_links_and_links_that_the_model_excludes_are_not_looked_at():
     assert some.links == ((2, 4),)
     links = np.sort(beads(robot).link[some.pairs], axis=1)
     assert np.array_equal(np.unique(links, axis=0), [[2, 4]])
+    held = self_collision_pairs(robot, beads(robot), links=[(4, 2), (1, 2)], carried=[3], prove=False)
+    assert (rows(held.pairs) | rows(held.always)) - rows(some.pairs) == {(0, 3), (1, 3)}
 
 
 @pytest.mark.parametrize("sliding", [False, True])

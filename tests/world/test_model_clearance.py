@@ -9,6 +9,7 @@ from workcell.geometry.self_collision import self_collision_pairs
 from workcell.model.scene import Scene
 from workcell.motion.proofs.on_model import prove_segment
 from workcell.motion.tool_paths.models import worlds
+from workcell.pose import Pose
 from workcell.world.planning_world import PlanningWorld
 
 CELL = f"""
@@ -20,6 +21,19 @@ CELL = f"""
   </worldbody>
   {MOTORS}
 </mujoco>
+"""
+TASK = """
+format = "workcell-task/1"
+name = "carrying"
+cell = "cell.xml"
+[[robots]]
+name = "arm"
+model = "arm.xml"
+mount = "mount"
+[[objects]]
+name = "rod"
+model = "rod.xml"
+place = "place"
 """
 FOLDED = np.array([0.0, 2.7, 0.0])
 
@@ -81,3 +95,40 @@ def test_a_home_that_is_not_clear_tells_nothing_of_the_robot_itself(tmp_path):
     assert not world.clearance(robot.home).distance > 0
     every = self_collision_pairs(robot, cover, links=world.collision.self_links, samples=200, prove=False)
     assert np.array_equal(world.self_pairs(cover), every.pairs)
+
+
+def test_what_the_hand_carries_keeps_clear_of_every_link_but_its_own(tmp_path):
+    arm = f'<mujoco model="arm"><compiler angle="radian"/><worldbody>{bodies(2.8, 2.8)}</worldbody>{MOTORS}</mujoco>'
+    rod = '<geom name="rod" type="capsule" size="0.02 0.3"/>'
+    files = {
+        "arm": arm,
+        "rod": f'<mujoco><worldbody><body name="rod">{rod}</body></worldbody></mujoco>',
+        "cell": '<mujoco><worldbody><site name="mount"/><site name="place" pos="0 -1.5 0"/></worldbody></mujoco>',
+    }
+    for name, text in files.items():
+        (tmp_path / f"{name}.xml").write_text(text)
+    (tmp_path / "carrying.toml").write_text(TASK)
+    scene = Scene.load(tmp_path / "carrying.toml")
+    bare = PlanningWorld.of(scene)
+    # across the hand: its ends can reach the forearm, which the hand's own box never does by MuJoCo's rules
+    world = bare.holding("rod", Pose.from_xyz([0.05, 0.0, 0.0]))
+    robot, cover = world.robot.robot, world.cover
+    assert (2, 3) not in bare.collision.self_links and (2, 3) in world.collision.self_links
+    assert not bare.collision.carried_geoms and world.collision.carried_geoms == {"rod/rod"}
+    pairs = world.self_pairs(cover)
+    carried = np.array([name == "rod/rod" for name in cover.source])
+    of_rod = carried[pairs].any(axis=1)
+    links = {tuple(sorted(pair)) for pair in cover.link[pairs[of_rod]].tolist()}
+    assert (2, 3) in links and (1, 3) in links and (3, 3) not in links
+    own = {tuple(sorted(pair)) for pair in cover.link[pairs[~of_rod]].tolist()}
+    assert (2, 3) not in own
+    # wherever the model has the rod in the robot, and the cover knows of no such overlap at home, a pair tells
+    rng, met = np.random.default_rng(0), 0
+    for q in robot.random_configuration(rng, 300):
+        geoms = world.collision.distance(q)
+        if geoms.distance < -0.01 and "rod/rod" in geoms.pair:
+            at = cover.centres_world(robot.link_transforms(q))
+            gap = np.linalg.norm(at[pairs[:, 0]] - at[pairs[:, 1]], axis=1) - cover.radius[pairs].sum(axis=1)
+            assert gap[of_rod].min() < 0.0
+            met += 1
+    assert met > 5

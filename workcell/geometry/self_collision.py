@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib
 import itertools
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -22,6 +22,7 @@ from workcell.pose import Array, read_only
 
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+Links = tuple[tuple[int, int], ...]
 _NONE = np.empty((0, 2), dtype=np.int64)
 _MOST_GAPS = 400_000
 """Gaps that may be computed to prove one pair of links apart."""
@@ -45,7 +46,7 @@ class SelfCollisionPairs:
     always: Index = field(default_factory=_NONE.copy)
     tolerated: Index = field(default_factory=_NONE.copy)
     never: Index = field(default_factory=_NONE.copy)
-    links: tuple[tuple[int, int], ...] = ()
+    links: Links = ()
 
     def __post_init__(self) -> None:
         for name in ("pairs", "always", "tolerated", "never"):
@@ -74,6 +75,7 @@ def self_collision_pairs(
     cover: SphereCover,
     *,
     links: Iterable[tuple[int, int]] | None = None,
+    carried: Collection[int] = (),
     known_free: ArrayLike | None = None,
     samples: int = 1000,
     seed: int = 0,
@@ -90,6 +92,8 @@ def self_collision_pairs(
         cover: its spheres, by link.
         links: pairs of links that can collide at all, such as `CollisionModel.self_links` of the compiled model; None:
             any.
+        carried: spheres (numbers) of an object in the hand: it is no part of the link that carries it, and may hit the
+            link that carries that one.
         known_free: configurations (n,) or (c, n) at which the robot is known not to hit itself; None: not known.
         samples: random configurations within the limits.
         seed: of these.
@@ -98,10 +102,12 @@ def self_collision_pairs(
     Raises:
         InputError: a link that is not there, configurations of the wrong shape or not finite, no samples.
     """
-    chosen = _link_pairs(robot, links)
+    chosen, adjacent = _link_pairs(robot, links)
     if samples < 1:
         raise InputError(f"{samples} samples tell nothing", where="samples", remedy="1 or more")
-    candidates = _sphere_pairs(cover, chosen)
+    besides = _sphere_pairs(cover, adjacent)
+    besides = besides[np.isin(besides, list(carried)).any(axis=1)]
+    candidates = np.concatenate([_sphere_pairs(cover, chosen), besides])
     rng = np.random.default_rng(seed)
     touching: Mask = _gaps(robot, cover, candidates, robot.random_configuration(rng, samples)) <= 0
     always: Mask = np.all(touching, axis=0)
@@ -123,8 +129,8 @@ def _free(robot: Robot, known_free: ArrayLike) -> Array:
     return np.array([robot.configuration(row, where="known_free") for row in np.atleast_2d(known_free)])
 
 
-def _link_pairs(robot: Robot, links: Iterable[tuple[int, int]] | None) -> tuple[tuple[int, int], ...]:
-    """Pairs of links, the lower first, without adjacent ones."""
+def _link_pairs(robot: Robot, links: Iterable[tuple[int, int]] | None) -> tuple[Links, Links]:
+    """Pairs of links, the lower first, and those of adjacent ones."""
     count = robot.joint_count + 1
     listed = itertools.combinations(range(count), 2) if links is None else links
     chosen = set()
@@ -134,12 +140,12 @@ def _link_pairs(robot: Robot, links: Iterable[tuple[int, int]] | None) -> tuple[
             raise InputError(
                 f"no pair of links {tuple(pair)}", where="links", remedy=f"two of 0 (the base) to {count - 1}"
             )
-        if int(robot.parents[b - 1]) != a:
-            chosen.add((a, b))
-    return tuple(sorted(chosen))
+        chosen.add((a, b))
+    adjacent = {(a, b) for a, b in chosen if int(robot.parents[b - 1]) == a}
+    return tuple(sorted(chosen - adjacent)), tuple(sorted(adjacent))
 
 
-def _sphere_pairs(cover: SphereCover, links: tuple[tuple[int, int], ...]) -> Index:
+def _sphere_pairs(cover: SphereCover, links: Links) -> Index:
     """All pairs (p, 2) of spheres of these pairs of links."""
     members = {link: np.flatnonzero(cover.link == link) for link in {link for pair in links for link in pair}}
     grids = [np.stack(np.meshgrid(members[a], members[b], indexing="ij"), axis=-1) for a, b in links]

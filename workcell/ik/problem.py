@@ -154,7 +154,9 @@ class CollisionChecker(Protocol):
     """The truth about collisions for one problem (the compiled model, or the exact kernel).
 
     It may have a method `second_opinion`, of q too, which says by another way what touches, or None. Where it disagrees
-    with what is to be accepted, it holds.
+    with what is to be accepted, it holds. It may also have a method `self_pairs`, of the robot, its cover and
+    configurations (c, n) at which it finds nothing (or None), which says what spheres (p, 2) it would have keep clear
+    of each other.
     """
 
     def __call__(self, q: Array) -> Clearance:

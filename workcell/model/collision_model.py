@@ -143,11 +143,24 @@ class CollisionModel:
         return own
 
     @property
+    def carried_geoms(self) -> frozenset[str]:
+        """Names of the geoms of the object that the hand carries."""
+        if self._attached is None:
+            return frozenset()
+        mine = np.isin(self._model.geom_bodyid, list(self._attached.body_ids))
+        return frozenset(geom_name(self._model, int(geom)) for geom in np.flatnonzero(mine))
+
+    @property
     def self_links(self) -> frozenset[tuple[int, int]]:
-        """Pairs of the robot's links, the lower first, with geoms that are looked at."""
+        """Pairs of the robot's links, the lower first, with geoms that are looked at.
+
+        What the hand carries is on the tool's link.
+        """
         carrier = np.full(self._model.nbody, -1, dtype=np.int64)
         for link, bodies in enumerate(self.robot.link_body_ids):
             carrier[list(bodies)] = link
+        if self._attached is not None:
+            carrier[list(self._attached.body_ids)] = self.robot.robot.tool().link
         owners = np.sort(carrier[self._model.geom_bodyid[self._pairs]], axis=1)
         own = owners[(owners[:, 0] >= 0) & (owners[:, 0] < owners[:, 1])]
         return frozenset((a, b) for a, b in own.tolist())

@@ -53,8 +53,8 @@ class ModelClearance:
     ) -> NDArray[np.int64]:
         """(p, 2) spheres of a cover that must keep clear of each other: those of links that the model collides.
 
-        Pairs that always touch are the cover's overshoot, and so are those that touch where the robot is known to be
-        free.
+        What the hand carries must keep clear of all links but the one that carries it. Pairs that always touch are the
+        cover's overshoot, and so are those that touch where the robot is known to be free.
 
         Args:
             robot: the world's, serial.
@@ -64,7 +64,9 @@ class ModelClearance:
         Raises:
             InputError: configurations of the wrong shape, or not finite.
         """
-        pairs = _collidable(robot, cover, self.collision.self_links)
+        names = self.collision.carried_geoms
+        carried = tuple(k for k, name in enumerate(cover.source) if name in names)
+        pairs = _collidable(robot, cover, self.collision.self_links, carried)
         if known_free is None:
             if not self.collision.distance(robot.home).distance > 0:
                 return pairs.pairs
@@ -72,9 +74,14 @@ class ModelClearance:
         return pairs.tolerating(robot, cover, known_free).pairs
 
 
-def _collidable(robot: Robot, cover: SphereCover, links: frozenset[tuple[int, int]]) -> SelfCollisionPairs:
+def _collidable(
+    robot: Robot, cover: SphereCover, links: frozenset[tuple[int, int]], carried: tuple[int, ...]
+) -> SelfCollisionPairs:
     """The pairs of a cover by the links that can collide, made once: they depend on nothing else."""
-    made: dict[frozenset[tuple[int, int]], SelfCollisionPairs] = _known.get((robot, cover), dict)
-    if links not in made:
-        made[links] = self_collision_pairs(robot, cover, links=links, samples=_SAMPLES, prove=False)
-    return made[links]
+    made: dict[object, SelfCollisionPairs] = _known.get((robot, cover), dict)
+    key = links, carried
+    if key not in made:
+        made[key] = self_collision_pairs(
+            robot, cover, links=links, carried=carried, samples=_SAMPLES, prove=False
+        )
+    return made[key]

@@ -51,16 +51,17 @@ class Search:
         problem: the query.
         local: whether to descend locally from every iterate besides.
         most: work at most, in cone programs.
+        rng: of all directions that are drawn.
         stats, rejected, error, stages: for the report.
     """
 
     def __init__(self, problem: IKProblem, budget: Budget, seed: int, *, local: bool) -> None:
         self.problem, self._deadline, self.local = problem, clock.cpu_seconds() + budget.cpu_s, local
         self.most = budget.work(PROGRAMS_A_SECOND)
-        self._rng = np.random.default_rng(seed)
+        self.rng = np.random.default_rng(seed)
         self._verifier: Verifier | None = None
         self.rejected: list[str] = []
-        counts = ("sdps", "restarts", "growths", "rank_one", "rank_gap", "moved", "in_given")
+        counts = ("sdps", "restarts", "growths", "rank_one", "rank_gap", "moved", "in_given", "own_rows")
         self.stats = dict.fromkeys(counts, 0.0)
         self.error: str | None = None
         self._goal, self._interval = goal_vector(problem.T_base_tool), Interval.of(problem)
@@ -102,7 +103,7 @@ class Search:
         first, self._fresh = self._fresh, False
         if first and self.problem.q_ahead is not None:
             return lift.lift(self.problem.q_ahead)
-        return self._rng.standard_normal(lift.size)
+        return self.rng.standard_normal(lift.size)
 
     def attempt(self, convex: ConvexSet, direction: Array, where: str = "") -> Reached:
         """One ascent, and what is read at its end; with `local`, at each of its points."""

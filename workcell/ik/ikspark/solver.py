@@ -19,10 +19,12 @@ from math import inf
 from typing import Protocol
 
 from workcell.ik.ikspark.by_mechanism import needs_mechanism, solve_by_mechanism
-from workcell.ik.ikspark.instance import Instance, instance_of
+from workcell.ik.ikspark.instance import instance_of
+from workcell.ik.ikspark.obstacles.alone import Alone
 from workcell.ik.ikspark.obstacles.among_cuboids import AmongCuboids
 from workcell.ik.ikspark.obstacles.door import check_free_space
 from workcell.ik.ikspark.obstacles.half_spaces import Avoidance, has_spheres_and_obstacles
+from workcell.ik.ikspark.obstacles.own import OwnSpheres
 from workcell.ik.ikspark.proving import Proving
 from workcell.ik.ikspark.search import Reached, Search
 from workcell.ik.problem import Budget, IKProblem
@@ -44,6 +46,7 @@ def solve_ikspark(
     local: bool = False,
     cuboids: bool = True,
     fallback: bool = True,
+    apart: bool = True,
 ) -> Candidate:
     """Look for a configuration, or for a proof that there is none, until the budget is spent.
 
@@ -57,6 +60,8 @@ def solve_ikspark(
         cuboids: among obstacles, look first for an answer with every sphere in a region of free space.
         fallback: where that has found none after a counted amount of work, keep spheres off obstacles by half-spaces.
             An answer found so is by `ikspark+cuts`.
+        apart: tell spheres of the robot that overlap each other a side each; False: a configuration in which it hits
+            itself is only refused.
 
     Raises:
         InputError: bounds without their reference, or free space made for another scene or cover; with `local` a
@@ -79,18 +84,19 @@ def solve_ikspark(
             if proof is not None:
                 return search.no_answer(proof)
         search.stages.add("set-up")
+        own = OwnSpheres(search, instance, asked=apart)
         if not has_spheres_and_obstacles(problem):
-            return _restarted(search, proving, Unhindered(search, instance)) or search.no_answer()
+            return _restarted(search, proving, Alone(search, instance, own, stack)) or search.no_answer()
         if cuboids:
             share = min(CUBOIDS_FIRST, 0.5 * search.most) if fallback else inf
-            among = AmongCuboids(search, instance, stack, most=share)
+            among = AmongCuboids(search, instance, own, stack, most=share)
             found = _restarted(search, proving, among)
             if found is None and among.spare is not None and fallback:
                 return search.answer(among.spare, by="" if local else CUTS)
             if found is not None or not fallback:
                 return found or search.no_answer(proving.of_cuboids(at_last=True))
         by = CUTS if cuboids and not local else ""
-        found = _restarted(search, proving, Avoidance(search, instance, stack, by))
+        found = _restarted(search, proving, Avoidance(search, instance, own, stack, by))
         return found or search.no_answer(proving.of_cuboids(at_last=True))
 
 
@@ -109,23 +115,6 @@ class Way(Protocol):
     def answer(self, q: Array) -> Candidate:
         """What is handed back with an accepted configuration (n,)."""
         ...
-
-
-class Unhindered:
-    """Nothing to avoid: the relaxation as it is."""
-
-    exhausted = False
-
-    def __init__(self, search: Search, instance: Instance) -> None:
-        self._search, self._instance = search, instance
-
-    def climb(self) -> Reached:
-        """One ascent."""
-        return self._search.attempt(self._instance, self._search.direction(self._instance.lift))
-
-    def answer(self, q: Array) -> Candidate:
-        """The configuration alone."""
-        return self._search.answer(q)
 
 
 def _restarted(search: Search, proving: Proving, way: Way) -> Candidate | None:

@@ -20,6 +20,7 @@ from workcell.ik.ikspark.obstacles.branching import Branch, Instances
 from workcell.ik.ikspark.obstacles.centres import moving_maps
 from workcell.ik.ikspark.obstacles.demands import Demands, Point
 from workcell.ik.ikspark.obstacles.growing import Room
+from workcell.ik.ikspark.obstacles.own import OwnSpheres
 from workcell.ik.ikspark.obstacles.pairs import region_pairs
 from workcell.ik.ikspark.obstacles.rounding import Rounding
 from workcell.ik.ikspark.rank import ConvexSet, linearise
@@ -42,12 +43,14 @@ class AmongCuboids:
         spare: a configuration that the judge accepts though a sphere is in no region, or None.
     """
 
-    def __init__(self, search: Search, instance: Instance, stack: ExitStack, *, most: float) -> None:
+    def __init__(
+        self, search: Search, instance: Instance, own: OwnSpheres, stack: ExitStack, *, most: float
+    ) -> None:
         """Prepare; `most`, in cone programs, is this way's share of the work."""
         problem = search.problem
         assert problem.cover is not None
         self._search, self._instance, self._problem, self._cover = search, instance, problem, problem.cover
-        self._instances, self._most = Instances(problem, stack), most
+        self._instances, self._own, self._most = Instances(problem, stack), own, most
         self.room = Room(problem)
         self._given = self.room.free_space
         self._alone = 0 if not len(self.room.regions) else GIVEN_ALONE if problem.grow is None else 1
@@ -83,10 +86,11 @@ class AmongCuboids:
     def _ascended(self, reached: Reached, grows: bool) -> Reached:
         """Ascents with ever more rows, from a point without; where `grows`, the free space grows with them."""
         demands = self._demands()
+        self._own.restart()
         for _ in range(ROUNDS):
             if reached.x is None or self._is_settled(reached, grows) or self._search.over():
                 break
-            convex = self._tightened(reached.x, demands, grows)
+            convex = self._tightened(reached, demands, grows)
             if convex is None:
                 break
             where = ", in cuboids" if grows else ", in the cuboids that are there"
@@ -102,11 +106,14 @@ class AmongCuboids:
 
     def _demands(self) -> Demands:
         if self._restarts == 1:
-            return Rounding(self._instance, self._maps, self._needed)
+            return Rounding(self._instances, self._maps, self._needed)
         return Branch(self._instances, self._maps, self._needed)
 
-    def _tightened(self, x: Array, demands: Demands, grows: bool) -> ConvexSet | None:
-        """The set with rows for spheres that need them at x (N,); None where nothing more can be demanded."""
+    def _tightened(self, reached: Reached, demands: Demands, grows: bool) -> ConvexSet | None:
+        """The set with rows for spheres that need them where an ascent ended; None: nothing more can be demanded."""
+        x = reached.x
+        assert x is not None
+        parted = not reached.accepted and self._own.cut(x)
         centres, recounted = self._maps[..., :-1] @ x + self._maps[..., -1], False
         outside = np.flatnonzero(self._outside(centres))
         if grows and len(outside):
@@ -114,12 +121,12 @@ class AmongCuboids:
             self._count_growth(len(outside))
             outside = np.flatnonzero(self._outside(centres))
             outside = outside[~self.room.clear(centres[outside], self._needed[outside])]
-        if not len(outside):
+        if not len(outside) and not parted:
             return None
         regions = self.room.regions
         allowed = region_pairs(self._problem, regions)
         depths = np.where(allowed, regions.depths(centres, self._needed), np.inf)
-        return demands.tightened(Point(centres, outside, regions, depths, recounted))
+        return demands.tightened(Point(centres, outside, regions, depths, recounted, self._own.rows))
 
     def _centres(self, q: Array) -> Array:
         """(m, 3) world centres of the moving spheres; those at the configuration asked about last are kept."""

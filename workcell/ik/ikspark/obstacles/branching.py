@@ -63,7 +63,7 @@ class Branch:
             self._region[j] = region
             self._add(j, point.centres[j], point.regions, region)
         self._rows, self._owner = self._rows[-SLOTS:], self._owner[-SLOTS:]
-        return self._instances.with_rows(self._rows)
+        return self._instances.with_rows(np.vstack([self._rows, point.own]))
 
     def _add(self, j: int, centre: Array, regions: Regions, region: int) -> None:
         """Rows for the faces that sphere j violates."""

@@ -11,6 +11,7 @@ from workcell.ik.problem import IKProblem
 from workcell.pose import Array
 
 _maps = ByIdentity()
+_all = ByIdentity()
 
 
 def sphere_maps(lift: Lift, problem: IKProblem, spheres: NDArray[np.int64]) -> Array:
@@ -29,3 +30,11 @@ def moving_maps(lift: Lift, problem: IKProblem) -> Array:
     assert cover is not None
     moving = np.flatnonzero(cover.link > 0)
     return _maps.get((lift, cover, base), lambda: sphere_maps(lift, problem, moving))
+
+
+def all_maps(lift: Lift, problem: IKProblem) -> Array:
+    """`sphere_maps` of all spheres, those of the base included, made once for a chain and a cover."""
+    cover, base = problem.cover, problem.robot.T_world_base
+    assert cover is not None
+    every = np.arange(len(cover))
+    return _all.get((lift, cover, base), lambda: sphere_maps(lift, problem, every))

@@ -23,6 +23,7 @@ class Point:
         regions: the free space.
         depths: (m, n) metres by which each sphere sticks out of each region; inf where it can't be in it.
         recounted: whether the regions are others than at the last point.
+        own: (k, N + 1) rows that keep the robot's own spheres apart, whatever the regions.
     """
 
     centres: Array
@@ -30,6 +31,7 @@ class Point:
     regions: Regions
     depths: Array
     recounted: bool
+    own: Array
 
     @property
     def nearest(self) -> NDArray[np.int64]:

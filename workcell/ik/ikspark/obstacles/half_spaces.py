@@ -15,6 +15,7 @@ from workcell.geometry.obstacle_arrays import ObstacleArrays
 from workcell.ik.ikspark.instance import Instance
 from workcell.ik.ikspark.obstacles.branching import Instances
 from workcell.ik.ikspark.obstacles.centres import sphere_maps
+from workcell.ik.ikspark.obstacles.own import OwnSpheres
 from workcell.ik.ikspark.rank import linearise
 from workcell.ik.ikspark.search import Reached, Search
 from workcell.ik.problem import IKProblem
@@ -38,11 +39,13 @@ class Avoidance:
 
     exhausted = False
 
-    def __init__(self, search: Search, instance: Instance, stack: ExitStack, by: str = "") -> None:
+    def __init__(
+        self, search: Search, instance: Instance, own: OwnSpheres, stack: ExitStack, by: str = ""
+    ) -> None:
         """Prepare; `by` is the name that answers get."""
         problem = search.problem
         assert problem.cover is not None
-        self._search, self._plain = search, instance
+        self._search, self._plain, self._own = search, instance, own
         self.centres = sphere_maps(instance.lift, problem, np.arange(len(problem.cover))) @ instance.goal
         self.needed = problem.cover.radius + problem.tolerances.safety_margin
         self.movable = np.any(np.abs(self.centres[:, :, :-1]) > 1e-9, axis=(1, 2))
@@ -57,20 +60,23 @@ class Avoidance:
     def climb(self) -> Reached:
         """One restart: an ascent, then others with half-spaces where spheres collide, up to `ROUNDS`.
 
+        Spheres collide with obstacles, or with each other.
+
         The first ascent's end is returned where none of them is accepted, for what it may prove.
         """
         search, lift = self._search, self._plain.lift
         first = reached = search.attempt(self._plain, search.direction(lift))
         planes = np.zeros((0, lift.size + 1))
+        self._own.restart()
         for _ in range(ROUNDS):
             if reached.accepted or reached.x is None or search.over():
                 break
             added = self.planes(reached.x)
-            if not len(added):
+            if not self._own.cut(reached.x) and not len(added):
                 break
             planes = np.vstack([planes, added])[-SLOTS:]
             search.stages.add("half-spaces", note=f"{len(added)} added, {len(planes)} in all")
-            convex = self._instances.with_rows(planes)
+            convex = self._instances.with_rows(np.vstack([planes, self._own.rows]))
             reached = search.attempt(convex, linearise(lift, reached.x)[1], ", with half-spaces")
         return reached if reached.accepted else first
 

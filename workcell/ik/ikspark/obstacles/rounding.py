@@ -9,9 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.ik.ikspark.instance import Instance
+from workcell.ik.ikspark.obstacles.branching import Instances
 from workcell.ik.ikspark.obstacles.cuboids import CuboidSet, Home
 from workcell.ik.ikspark.obstacles.demands import Point
+from workcell.ik.ikspark.rank import ConvexSet
 from workcell.ik.shared.convex import KEEP_OFF
 from workcell.pose import Array
 
@@ -19,14 +20,14 @@ from workcell.pose import Array
 class Rounding:
     """What one restart has decided: who is shared out among all regions, and who has one."""
 
-    def __init__(self, instance: Instance, maps: Array, needed: Array) -> None:
+    def __init__(self, instances: Instances, maps: Array, needed: Array) -> None:
         """`maps` (m, 3, N + 1): centres of the moving spheres over (x, 1); `needed` (m,) metres off faces."""
-        self._instance, self._maps, self._needed = instance, maps, needed
+        self._instances, self._maps, self._needed = instances, maps, needed
         self._relaxed: list[int] = []
         self._fixed: dict[int, int] = {}
         self._set: CuboidSet | None = None
 
-    def tightened(self, point: Point) -> CuboidSet | None:
+    def tightened(self, point: Point) -> ConvexSet | None:
         """The relaxation with rows for those spheres, and those before them; None: one of them has no region."""
         if not point.possible:
             return None
@@ -36,7 +37,13 @@ class Rounding:
             self._set = None
         self._decide(point)
         homes = self._homes(np.isfinite(point.depths))
-        self._set = CuboidSet(self._instance, point.regions, homes) if homes else None
+        self._set = None
+        if homes is None:
+            return None
+        relaxation = self._instances.with_rows(point.own)
+        if not homes:
+            return relaxation
+        self._set = CuboidSet(relaxation, point.regions, homes)
         return self._set
 
     def _decide(self, point: Point) -> None:
@@ -51,12 +58,12 @@ class Rounding:
             else:
                 self._relaxed.append(j)
 
-    def _homes(self, allowed: NDArray[np.bool_]) -> list[Home]:
-        """The spheres with rows and their regions; empty: one of them has none."""
+    def _homes(self, allowed: NDArray[np.bool_]) -> list[Home] | None:
+        """The spheres with rows and their regions; None: one of them has none."""
         chosen = {j: tuple(np.flatnonzero(allowed[j]).tolist()) for j in self._relaxed}
         chosen |= {j: (region,) for j, region in self._fixed.items()}
         if not all(chosen.values()):
-            return []
+            return None
         return [
             Home(j, self._maps[j], float(self._needed[j]) + KEEP_OFF, regions)
             for j, regions in chosen.items()

@@ -11,6 +11,7 @@ from workcell.errors import InputError, UnknownNameError
 _PROVIDERS = (
     "workcell.bench.ik.sets",
     "workcell.bench.ik.ikspark",
+    "workcell.bench.ik.entangled",
     "workcell.bench.ik.ikspark_tables.table6",
     "workcell.bench.ik.ikspark_tables.table7",
     "workcell.bench.ik.mechanisms.table2",

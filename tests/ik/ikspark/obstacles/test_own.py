@@ -90,8 +90,11 @@ def test_rows_cut_off_their_point_and_say_how_far_centres_are_apart() -> None:
                 for row in (first, own.rows[0]):
                     # where a row holds, the pair that it is about is apart
                     assert row @ np.append(lift.lift(other), 1.0) < gap
+            ahead = own.pushed(np.ones(lift.size))
+            assert own.rows[0, :-1] @ ahead > own.rows[0, :-1] @ np.ones(lift.size)
             own.restart()
             assert not len(own.rows) and not own.turn()
+            assert np.array_equal(own.pushed(np.ones(lift.size)), np.ones(lift.size))
 
 
 def test_a_configuration_that_is_clear_breaks_no_row() -> None:

@@ -13,11 +13,11 @@ from workcell.ik.result import Candidate
 from workcell.pose import Array
 
 ROUNDS = 4
-"""Ascents with rows, after one whose point has two of the robot's own spheres in each other."""
+"""Ascents that part spheres, after one whose end has two of them in each other."""
 
 
 class Alone:
-    """The relaxation as it is, and with rows where a refused point has the robot in itself."""
+    """The relaxation as it is, and with rows where a point has two of the robot's own spheres in each other."""
 
     exhausted = False
 
@@ -26,20 +26,20 @@ class Alone:
         self._instances = Instances(search.problem, stack)
 
     def climb(self) -> Reached:
-        """One restart: an ascent, then others with ever more rows, up to `ROUNDS`.
+        """One restart: an ascent, one that heads for where the spheres that met part, then with ever more rows.
 
         The first ascent's end is returned where none of them is accepted, for what it may prove.
         """
         search, own = self._search, self._own
         first = reached = search.attempt(self._instance, search.direction(self._instance.lift))
         own.restart()
-        for _ in range(ROUNDS):
+        for turn in range(ROUNDS):
             if reached.accepted or search.over():
                 break
             if not (own.turn() if reached.x is None else own.cut(reached.x)):
                 break
-            convex = self._instances.with_rows(own.rows)
-            reached = search.attempt(convex, self._towards(first), ", its own spheres apart")
+            convex = self._instances.with_rows(own.rows) if turn else self._instance
+            reached = search.attempt(convex, own.pushed(self._towards(first)), ", its own spheres apart")
         return reached if reached.accepted else first
 
     def answer(self, q: Array) -> Candidate:

@@ -93,8 +93,9 @@ class AmongCuboids:
             convex = self._tightened(reached, demands, grows)
             if convex is None:
                 break
+            direction = self._own.pushed(linearise(self._instance.lift, reached.x)[1])
             where = ", in cuboids" if grows else ", in the cuboids that are there"
-            reached = self._search.attempt(convex, linearise(self._instance.lift, reached.x)[1], where)
+            reached = self._search.attempt(convex, direction, where)
         return reached
 
     def answer(self, q: Array) -> Candidate:

@@ -77,7 +77,8 @@ class Avoidance:
             planes = np.vstack([planes, added])[-SLOTS:]
             search.stages.add("half-spaces", note=f"{len(added)} added, {len(planes)} in all")
             convex = self._instances.with_rows(np.vstack([planes, self._own.rows]))
-            reached = search.attempt(convex, linearise(lift, reached.x)[1], ", with half-spaces")
+            direction = self._own.pushed(linearise(lift, reached.x)[1])
+            reached = search.attempt(convex, direction, ", with half-spaces")
         return reached if reached.accepted else first
 
     def planes(self, x: Array) -> Array:

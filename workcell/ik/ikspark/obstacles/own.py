@@ -3,6 +3,9 @@
 Two balls are apart exactly when there is a direction along which their centres are as far apart as their radii add up
 to. Centres are affine in the lifted variables, so for a chosen direction that is one linear row. The paper leaves
 self-collision out; like the planes of `half_spaces`, these rows cut off a part of the set, and no proof rests on them.
+
+A row makes corners of the set that are of no rank 1, where ascents get stuck. So they begin along the rows, away from
+those corners.
 """
 
 from __future__ import annotations
@@ -26,6 +29,8 @@ MOST_TURNS = 1
 GIVEN_AWAY = 0.5
 """Share of the spheres' overshoot that they may overlap by where a checker decides: the cover is larger than the
 robot."""
+PUSH = 2.0
+"""How much of an ascent's first direction is along a row, against what it was to be."""
 _STILL = 1e-9
 """Metres: coefficients below are none, and shorter vectors have no direction."""
 
@@ -119,6 +124,15 @@ class OwnSpheres:
         self.rows = self.rows[:-1]
         self._add(row)
         return True
+
+    def pushed(self, direction: Array) -> Array:
+        """A direction (N,) to ascend in, turned to where the pairs that were met part; without rows it stays."""
+        towards = self.rows[:, :-1]
+        if not len(towards):
+            return direction
+        lengths = np.linalg.norm(towards, axis=1, keepdims=True)
+        turned: Array = direction + PUSH * np.linalg.norm(direction) * (towards / lengths).sum(axis=0)
+        return turned
 
     def _add(self, row: Array) -> None:
         self.rows = np.vstack([self.rows, row])

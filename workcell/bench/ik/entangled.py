@@ -1,4 +1,4 @@
-"""Bench of IKSPARK and the robot itself: poses whose first answer has the robot in itself, with and without rows."""
+"""Bench of IKSPARK on poses whose first answer hits the robot itself, with and without rows about that."""
 
 from __future__ import annotations
 

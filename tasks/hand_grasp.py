@@ -53,8 +53,9 @@ def run(job: Job) -> None:
         grasp = job.time_mechanism(allowed, closing, "motion to the faces")
         turned = np.array(closing.end)
         turned[hand.mechanism.value_slices[hand.mechanism.joint(task["wrist"])]] += task["lift"]
-        up = job.move_mechanism(allowed, closing.end, turned, "way of the wrist")
-        lifting = job.time_mechanism(allowed, up, "motion of the wrist")
+        carrying = job.mechanism_problem(safety_margin=task["clear"], overshoot=None, absent=[thing])
+        up = job.move_mechanism(carrying, closing.end, turned, "way of the wrist")
+        lifting = job.time_mechanism(carrying, up, "motion of the wrist")
 
     with job.phase("execution"):
         simulation = job.mechanism_simulation()

@@ -184,7 +184,7 @@ def _scene_problems(scene: Scene) -> list[str]:
     import mujoco
 
     from workcell.model.loading.compiled import is_gripper
-    from workcell.model.overlap import start_overlap
+    from workcell.model.overlap import mechanism_overlap, start_overlap
 
     problems = []
     model = scene.model
@@ -192,7 +192,7 @@ def _scene_problems(scene: Scene) -> list[str]:
     joints = [
         model.joint(j).name or f"number {j}" for j in range(model.njnt) if int(model.jnt_type[j]) in moving
     ]
-    if joints and not scene.robots and not is_gripper(model):
+    if joints and not scene.robots and scene.mechanism is None and not is_gripper(model):
         problems.append(
             f"no joint is actuated, so that there is no robot: {', '.join(joints)}; "
             "add an <actuator> with a <motor joint=...> for every joint that workcell may move"
@@ -201,6 +201,8 @@ def _scene_problems(scene: Scene) -> list[str]:
         if overlap := start_overlap(scene, name):
             what, remedy = overlap
             problems.append(f"robot {name} starts in collision: {what}; {remedy}")
+    if scene.mechanism is not None and (told := mechanism_overlap(scene.mechanism)):
+        problems.append(f"mechanism {scene.mechanism.name} starts in collision: {told}")
     return problems
 
 

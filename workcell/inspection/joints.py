@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import mujoco
 
     from workcell.model.scene import Scene
+    from workcell.model.scene_mechanism import SceneMechanism
     from workcell.model.scene_parts import SceneRobot
 
 
@@ -25,6 +26,9 @@ def joint_findings(scene: Scene) -> Iterator[Finding]:
     for robot in scene.robots.values():
         yield from _variables(model, robot)
         driven.update(_ids(model, robot))
+    if scene.mechanism is not None:
+        yield from _moving(scene.mechanism)
+        driven.update(joint.id for joint in scene.mechanism.mechanism.joints)
     held, follows = locked_values(model), leaders(model)
     for joint in range(model.njnt):
         if joint in driven or not _is_single(model, joint):
@@ -49,6 +53,22 @@ def joint_findings(scene: Scene) -> Iterator[Finding]:
                 "joint", f"{name}: passive; it stays where the model has it, unless a loop or forces move it",
                 joint=name, kind="passive",
             )  # fmt: skip
+
+
+def _moving(moving: SceneMechanism) -> Iterator[Finding]:
+    """The joints of a mechanism: those that motors move with their limits, the others as what they are."""
+    motors = dict(zip(moving.motors, zip(moving.velocity, moving.acceleration, strict=True), strict=True))
+    for k, joint in enumerate(moving.mechanism.joints):
+        driven = k in motors
+        words = (
+            "driven" if driven else "found from the driven ones" if moving.mechanism.closures else "passive"
+        )
+        range_ = f" [{joint.lower:.4f}, {joint.upper:.4f}]" if joint.limited else ""
+        speed = f", velocity {motors[k][0]:g}, acceleration {motors[k][1]:g}" if driven else ""
+        yield fact(
+            "joint", f"{joint.name}: {joint.kind}{range_}{speed}; {words}", joint=joint.name,
+            kind="driven" if driven else "passive", lower=_finite(joint.lower), upper=_finite(joint.upper),
+        )  # fmt: skip
 
 
 def _variables(model: mujoco.MjModel, robot: SceneRobot) -> Iterator[Finding]:

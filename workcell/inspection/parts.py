@@ -93,6 +93,7 @@ def stray_findings(scene: Scene) -> Iterator[Finding]:
     known = set[int]().union(
         *(r.body_ids for r in scene.robots.values()), *(o.body_ids for o in scene.objects.values())
     )
+    known |= frozenset() if scene.mechanism is None else scene.mechanism.own_ids
     strays = [
         body_name(model, b)
         for b in range(1, model.nbody)

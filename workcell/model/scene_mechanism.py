@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.errors import ModelError, UnknownNameError
+from workcell.errors import InputError, ModelError, UnknownNameError
 from workcell.model.loading.taskfile import MechanismEntry
 from workcell.model.mechanism.compiled import CompiledMechanism
 from workcell.model.mechanism.following import approach, close, given_joints
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 VELOCITY, ACCELERATION = ":velocity", ":acceleration"
 """Suffixes of the `<numeric>` elements that carry a joint's limits, which MJCF itself has no attribute for."""
+_FAR = 1e3
+"""Metres up to where nothing is met."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +85,24 @@ class SceneMechanism:
         """The same in another copy of the model, all else at raw positions (nq,)."""
         compiled = replace(self.compiled, model=model, start=read_only(qpos))
         return replace(self, mechanism=replace(self.mechanism, compiled=compiled))
+
+    def without(self, bodies: Sequence[str]) -> Mechanism:
+        """The mechanism in a scene in which some floating bodies are far away, such as what it carries.
+
+        Raises:
+            UnknownNameError: no such body; InputError: one that does not float.
+        """
+        compiled, start = self.compiled, np.array(self.compiled.start)
+        model = compiled.model
+        known = {str(model.body(body).name): body for body in range(1, model.nbody)}
+        for name in bodies:
+            if name not in known:
+                raise UnknownNameError("body", name, known, where=self.name)
+            joint = int(model.body_jntadr[known[name]])
+            if joint < 0 or int(model.jnt_type[joint]) != 0:
+                raise InputError(f"the body {name!r} does not float", where=self.name)
+            start[model.jnt_qposadr[joint] + 2] += _FAR
+        return replace(self.mechanism, compiled=replace(compiled, start=read_only(start)))
 
     def motor_values(self, q: Array) -> Array:
         """(..., motors) of configurations (..., size)."""

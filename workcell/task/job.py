@@ -220,10 +220,11 @@ class Job:
         touching: Sequence[tuple[str, str]] = (),
         safety_margin: float = 0.0,
         overshoot: float | None = 0.02,
+        absent: Sequence[str] = (),
     ) -> MechanismProblem:
         """A question about the mechanism without goals yet: nothing touches but the pairs of geoms in `touching`."""
         return self.mechanisms.mechanism_problem(
-            touching=touching, safety_margin=safety_margin, overshoot=overshoot
+            touching=touching, safety_margin=safety_margin, overshoot=overshoot, absent=absent
         )
 
     def pose(self, problem: MechanismProblem, what: str) -> MechanismResult:

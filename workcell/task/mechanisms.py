@@ -71,17 +71,19 @@ class MechanismPlanning:
         touching: Sequence[tuple[str, str]] = (),
         safety_margin: float = 0.0,
         overshoot: float | None = 0.02,
+        absent: Sequence[str] = (),
     ) -> MechanismProblem:
         """A question about the mechanism without goals yet, in its scene.
 
         Nothing touches but the pairs of geoms in `touching`. `overshoot` (metres) is how far the spheres that solvers
-        see may be larger than what they stand for; None: they see none, and the judge alone says what touches.
+        see may be larger than what they stand for; None: they see none, and the judge alone says what touches. `absent`
+        names floating bodies that don't count, such as what is carried.
         """
-        scene = self.story.scene
+        mechanism = self.moving.without(absent) if absent else self.moving.mechanism
         if overshoot is None:
             tolerances = MechanismTolerances(safety_margin=safety_margin)
-            return MechanismProblem(self.moving.mechanism, touching=tuple(touching), tolerances=tolerances)
-        world = MechanismWorld.of(scene, touching=touching, overshoot=overshoot, seed=self.seed)
+            return MechanismProblem(mechanism, touching=tuple(touching), tolerances=tolerances)
+        world = MechanismWorld.of(mechanism, touching=touching, overshoot=overshoot, seed=self.seed)
         self.story.recording.log_mechanism_cover(world.cover)
         return world.problem(margin=safety_margin)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from workcell.errors import InputError, UnknownNameError
-from workcell.geometry.covers.mechanisms import apart_pairs, mechanism_cover
+from workcell.geometry.covers.mechanisms import apart_pairs, fitted_cover, mechanism_cover
 from workcell.geometry.pieces import mechanism_pieces
 from workcell.geometry.self_collision import SelfCollisionPairs
 from workcell.geometry.types import Piece, SphereCover
@@ -59,7 +59,8 @@ class MechanismWorld:
 
     Attributes:
         mechanism: what moves, grasps among its closures.
-        cover: outer spheres of its links; on link 0 those of what stands and may be touched by some, but not by all.
+        cover: outer spheres of its links, made smaller where they touch and the compiled model, at home, does not; on
+            link 0 those of what stands and may be touched by some, but not by all.
         obstacles: convex pieces of everything else that no joint moves, and the mechanism may hit.
         spheres: which spheres must keep apart, and which can't be told by spheres.
         touching: pairs of geoms that may touch.
@@ -224,6 +225,9 @@ def _world(
     if len(named):
         drawn, free = _samples(mechanism, measure, samples, seed)
         spheres = apart_pairs(mechanism, cover, named, drawn, free)
+        if free is not None and len(spheres.tolerated):
+            cover = fitted_cover(mechanism, cover, spheres.tolerated, free)
+            spheres = apart_pairs(mechanism, cover, named, drawn, free)
     return MechanismWorld(mechanism, cover, obstacles, spheres, touching, overshoot)
 
 

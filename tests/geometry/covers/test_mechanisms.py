@@ -6,7 +6,7 @@ import pytest
 
 from tests.model.mechanism.trees import compiled, data_at, random_q
 from workcell.errors import InputError, ModelError
-from workcell.geometry.covers.mechanisms import apart_pairs, mechanism_cover, sphere_geoms
+from workcell.geometry.covers.mechanisms import apart_pairs, fitted_cover, mechanism_cover, sphere_geoms
 from workcell.geometry.pieces import mechanism_pieces
 from workcell.model.mechanism.from_model import mechanism_of
 from workcell.model.mechanism.measuring import MechanismMeasure
@@ -141,3 +141,23 @@ def test_what_stands_gets_spheres_where_asked():
 def test_a_robot_s_mechanism_has_no_geometry():
     with pytest.raises(ModelError, match="no compiled model"):
         mechanism_pieces(of_robot(robot_scene("ur10").robot().robot))
+
+
+def test_spheres_that_touch_where_nothing_does_get_smaller_by_their_overshoot_at_most():
+    moves = mechanism()
+    cover, pairs = mechanism_cover(moves, overshoot=0.05), MechanismMeasure(moves).pairs
+    at = moves.value_slices[moves.joint("f")]
+    near = np.array(moves.home)
+    near[at.start : at.start + 3] = [1.25, 0.16, 0.2]  # the cup beside the forearm, a centimetre away
+    assert 0.0 < MechanismMeasure(moves).distance(near).distance < 0.02
+    tolerated = apart_pairs(moves, cover, pairs, moves.home[None], near[None]).tolerated
+    assert len(tolerated) > 0
+    fitted = fitted_cover(moves, cover, tolerated, near[None])
+    less = cover.radius - fitted.radius
+    assert less.max() > 0 and np.all(less <= cover.overshoot + 1e-15) and fitted.kind == "given"
+    touched = np.zeros(len(cover), dtype=bool)
+    touched[tolerated] = True
+    assert not less[~touched].any()
+    fewer = apart_pairs(moves, fitted, pairs, moves.home[None], near[None])
+    assert len(fewer.tolerated) < len(tolerated)
+    assert fitted_cover(moves, cover, tolerated[:0], near[None]) is cover

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,9 @@ from workcell.geometry.types import SphereCover
 from workcell.model.mechanism.mechanism import WORLD, Mechanism
 from workcell.model.mechanism.placing import place
 from workcell.pose import Array
+
+_FREE = 1e-6
+"""Metres that spheres are apart which were made smaller until they don't touch."""
 
 
 def mechanism_cover(
@@ -86,6 +90,33 @@ def apart_pairs(
     kept = ~tolerated
     kept[always] = False
     return SelfCollisionPairs(pairs[kept], pairs[always], pairs[tolerated], links=links)
+
+
+def fitted_cover(
+    mechanism: Mechanism, cover: SphereCover, pairs: NDArray[np.int64], known_free: Array
+) -> SphereCover:
+    """The cover with spheres made smaller, by no more than their overshoot, that touch where the mechanism is free.
+
+    They stand no longer for all of the geometry, but can tell how near two links are that are close to each other
+    there, such as fingers side by side.
+
+    Args:
+        mechanism: whose.
+        cover: its outer spheres.
+        pairs: (p, 2) of spheres that would have to keep apart.
+        known_free: (k, size) at which the mechanism is known to hit nothing.
+    """
+    assert cover.overshoot is not None
+    less, over = np.zeros(len(cover)), cover.overshoot[pairs]
+    share = over / np.maximum(over.sum(axis=1, keepdims=True), 1e-12)
+    for q in known_free:
+        inside = np.maximum(_FREE - _gaps(mechanism, cover, pairs, q), 0.0)
+        for side in (0, 1):
+            np.maximum.at(less, pairs[:, side], inside * share[:, side])
+    less = np.minimum(np.minimum(less, cover.overshoot), 0.9 * cover.radius)
+    if not less.any():
+        return cover
+    return replace(cover, radius=cover.radius - less, overshoot=cover.overshoot - less, kind="given")
 
 
 def _candidates(

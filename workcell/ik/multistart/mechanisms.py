@@ -19,6 +19,7 @@ from workcell.ik.mechanisms.result import MechanismCandidate
 from workcell.ik.mechanisms.sampling import random_configuration, reach_of
 from workcell.ik.problem import Budget
 from workcell.ik.result import NEAR_MISSES
+from workcell.model.mechanism.placing import difference, moved
 from workcell.pose import Array
 
 SOLVER = "multistart"
@@ -26,12 +27,15 @@ STARTS_A_SECOND = 100
 """Starts that one quiet core makes in a second, about."""
 STEPS = 100
 """Of one start."""
-HINGE_WEIGHT = 0.3
+HINGE_WEIGHT = 0.5
 """Weight of a metre of penetration beside one of the rest: a start reaches its goals first and then slides clear."""
-FORGIVEN = (0.0, 1.0, 0.0, None)
+FORGIVEN = (0.0, 0.0, 0.5, None)
 """Of starts in turn, where the compiled model decides: the share of the spheres' overshoot that they are let off.
 
 None: no spheres at all."""
+
+NEARNESS = (1.0, 0.5)
+"""Of random starts in turn: how far from home, as a share of the way to anywhere within the limits."""
 
 
 def solve_mechanism_multistart(
@@ -54,6 +58,7 @@ def solve_mechanism_multistart(
     rng, mechanism = np.random.default_rng(seed), problem.mechanism
     judge, reach = MechanismJudge(problem), reach_of(mechanism)
     hinges = _hinges(problem)
+    home = mechanism.home if problem.q_reference is None else problem.q_reference
     deadline = clock.cpu_seconds() + budget.cpu_s
     most = budget.iterations or budget.work(STARTS_A_SECOND)
     starts = steps = 0
@@ -61,9 +66,11 @@ def solve_mechanism_multistart(
     while starts < most and (starts == 0 or clock.cpu_seconds() < deadline):
         if budget.cpu_s <= 0:
             break
-        start = mechanism.home if problem.q_reference is None else problem.q_reference
+        start = home
         if starts > 0:
-            start = random_configuration(mechanism, rng, reach=reach)
+            anywhere = random_configuration(mechanism, rng, reach=reach)
+            share = NEARNESS[starts // len(hinges) % len(NEARNESS)]
+            start = moved(mechanism, home, share * difference(mechanism, home, anywhere))
         hinge = hinges[starts % len(hinges)]
         found = polish_mechanism(problem, start, steps=STEPS, more=hinge)
         starts, steps = starts + 1, steps + found.steps

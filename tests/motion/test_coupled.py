@@ -97,6 +97,7 @@ def test_a_tool_path_is_followed(tmp_path):
     last = Pose(first.position + np.array([0.05, 0.05, -0.04]), first.quat_wxyz)
     for found in (
         follow(world.problem(first), line(first, last), q, solver=step_solver("auto")),
+        follow(world.problem(first), line(first, last), q, solver=step_solver("ikspark")),
         route(world.problem(first), line(first, last), q),
     ):
         assert found.path is not None and found.path.configurations.shape[1] == robot.dof
@@ -104,4 +105,4 @@ def test_a_tool_path_is_followed(tmp_path):
         away, turned = robot.fk(found.path.end).error_to(last)
         assert away < 2e-4 and turned < 2e-3
     with pytest.raises(InputError, match="joints that follow others"):
-        follow(world.problem(first), line(first, last), q)
+        follow(world.problem(first), line(first, last), q, solver=step_solver("cidgik"))

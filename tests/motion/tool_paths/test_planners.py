@@ -5,6 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.coupled_arms import coupled_arm
+from tests.ik.arms import beads
+from tests.ik.ikspark.test_by_mechanism import lift_and_arm
+from tests.ik.test_coupled import arm
 from workcell.errors import InputError, UnknownNameError
 from workcell.geometry.types import FreeSpace, Piece, SphereCover
 from workcell.ik.observing import observed
@@ -190,3 +194,31 @@ def test_who_answered_in_words():
     assert mixed.words == "13 by ikspark, 1 local step (11 in cuboids)" and mixed.count == 14
     assert mixed.by_planner("ikspark") == 13 and mixed.by_planner("auto") == 14
     assert Answered({"local": 47}).words == "47 local steps" and Answered().words == ""
+
+
+@pytest.mark.parametrize("kind", ["lift", "coupled", "bent"])
+def test_slides_and_joints_that_follow_others_are_planned_by_ikspark_alone(tmp_path, kind):
+    if kind == "lift":
+        robot, q = lift_and_arm(), np.array([0.2, 0.3, 0.4, 0.2, 1.0, 0.1, 0.5, 0.2])
+    else:
+        robot = arm(tmp_path, coupled_arm(9, joints=8, followers=1, bent=kind == "bent")[0])
+        half = 0.5 * robot.random_configuration(np.random.default_rng(1))
+        q = np.clip(half, robot.lower, robot.upper)
+    here = robot.fk(q)
+    poses = line(here, Pose.from_xyz([0.0, 0.04, 0.03]) @ here)
+    cover = beads(robot.uncoupled, 0.03)
+    own = cover.centres_world(robot.link_transforms(q))
+    places = own[-1] + 0.25 * np.concatenate([np.eye(3), -np.eye(3)])
+    clearest = max(places, key=lambda place: float(np.linalg.norm(own - place, axis=1).min()))
+    ball = Piece("ball", "sphere", Pose.from_xyz(clearest), np.array([0.1]))
+    problem = IKProblem(robot, poses[0], (ball,), cover)
+    limits = FollowLimits(max_step=0.2, max_link_rotation=0.4)
+    found = follow(problem, poses, q, limits=limits, solver=steps_of("ikspark", problem, limits=limits))
+    assert found.followed and found.answered.by_planner("ikspark") == len(found.path) - 1
+    assert found.metrics.largest_link_rotation <= 0.4 + 1e-9
+    assert np.abs(np.diff(found.path.configurations, axis=0)).max() <= 0.2 + 1e-9
+    for target, there in zip(poses[1:], found.path.configurations[-len(poses) + 1 :], strict=True):
+        away, turned = robot.fk(there).error_to(target)
+        assert away < 2e-4 and turned < 2e-3
+    with pytest.raises(InputError, match=r"auto, .*ikspark"):
+        follow(problem, poses, q, limits=limits, solver=steps_of("cidgik", problem, limits=limits))

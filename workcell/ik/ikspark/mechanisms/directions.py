@@ -72,6 +72,18 @@ class Directions:
         direction: Array = (self._bounded * x)[part.columns]
         return direction
 
+    def nearest(self, part: Part, x: Array) -> Array:
+        """(k,) the direction along which a part is farthest near a point (N,): rotations are farthest where they agree.
+
+        Places are not: how far slides are out, and where floating bodies are, has no part in it.
+        """
+        direction = np.array(x)
+        for k, slide in self._lift.slides.items():
+            direction[slide.start : slide.start + self._lift.slide_size(k)] = 0.0
+        for at in self._lift.floating.values():
+            direction[at : at + 3] = 0.0
+        return direction[part.columns]
+
     def _configurations(self) -> tuple[Array, Array, Array]:
         """Random configurations with links placed, floating bodies where the first tie to each has them."""
         mechanism = self._lift.mechanism

@@ -104,7 +104,7 @@ class MechanismLift:
                 continue
             n = int(nodes.of_link[k + 1])
             self.slides[k] = Slide(k, n, at, float(lower), float(upper))
-            at += {"full": form.size, "planar": 3, "known": 1}[nodes.nodes[n].kind]
+            at += self.slide_size(k)
         self.edges: dict[int, tuple[Edge, int]] = {}
         for k, edge in edges.items():
             self.edges[k], at = (edge, at), at + edge.size
@@ -139,6 +139,11 @@ class MechanismLift:
         out[..., at], out[..., at + 1] = _turning(node.P, node.S)
         out[..., -1] = np.outer(node.P[:, 2], node.S[2])
         return out
+
+    def slide_size(self, joint: int) -> int:
+        """Variables that a slide has."""
+        kind = self.nodes.nodes[self.slides[joint].node].kind
+        return {"full": self.form.size, "planar": 3, "known": 1}[kind]
 
     def fraction(self, joint: int) -> Array:
         """(N + 1,) t of a slide: how far it is out, as part of its range."""

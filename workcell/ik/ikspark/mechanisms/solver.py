@@ -162,7 +162,7 @@ class _Search:
 
     def _direction(self, part: Part) -> Array:
         if self.stats["restarts"] <= len(self.parts.parts) and self.problem.q_ahead is not None:
-            return self._directions.towards(part, self.lift.lift(self.problem.q_ahead))
+            return self._directions.nearest(part, self.lift.lift(self.problem.q_ahead))
         return self._directions.of(part)
 
     def _climb(self, blocks: Blocks, program: Program, direction: Array) -> Step:

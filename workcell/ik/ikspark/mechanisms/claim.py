@@ -87,24 +87,49 @@ def certify_cost(problem: MechanismProblem, g: Array, multipliers: Duals) -> tup
     covered = asked_for(problem)
     if unsuited(problem, covered, reached=False) is not None:
         return None
-    m = _multipliers(problem, multipliers)
     posed = np.array([goal.position is not None for goal in problem.goals], dtype=bool)
     turned = np.array([goal.rotation is not None for goal in problem.goals], dtype=bool)
     errors = np.asarray(g, dtype=float).reshape(len(problem.goals), 12)
-    m = replace(
-        m,
-        positions=-2.0 * errors[:, 9:] * posed[:, None],
-        rotations=-2.0 * errors[:, :9].reshape(-1, 3, 3) * turned[:, None, None],
-    )
+    poses = Multipliers.none(problem)
+    poses.positions[:] = -2.0 * errors[:, 9:] * posed[:, None]
+    poses.rotations[:] = -2.0 * errors[:, :9].reshape(-1, 3, 3) * turned[:, None, None]
     graph = Graph.of(problem, covered, reached=False)
-    by = ways_to_hang(problem, graph, reached=False)[0]
-    m = _completed(problem, graph, m, by, covered, reached=False)
-    bound = cost_bound(problem, m, by, covered) * (1.0 - 1e-9)
+    others = _multipliers(problem, multipliers)
+    choices = [
+        (poses, others),
+        (_above(poses, _SMALL), _above(others, _SMALL)),
+        (_above(poses, _SMALL), None),
+    ]
+    tried = [
+        _longest(problem, _completed(problem, graph, m, by, covered, reached=False), by, covered)
+        for asked, held in choices
+        for m in [replace(held or asked, positions=asked.positions, rotations=asked.rotations)]
+        for by in ways_to_hang(problem, graph, reached=False)
+    ]
+    found, best, by = max(tried, key=lambda each: each[0])
+    bound = found * (1.0 - 1e-9)
     if not bound > 0.0:
         return None
     words = nothing_is_closer(problem, covered, bound)
-    certificate = Certificate(COST_KIND, SCOPE, words, bound, mechanism_hash(problem), _data(m, by, covered))
+    certificate = Certificate(
+        COST_KIND, SCOPE, words, bound, mechanism_hash(problem), _data(best, by, covered)
+    )
     return (bound, certificate) if check_cost(problem, certificate) is not None else None
+
+
+def _longest(
+    problem: MechanismProblem, m: Multipliers, by: By, covered: Array
+) -> tuple[float, Multipliers, By]:
+    """The best bound by multiples of given multipliers: with U of F, t times them prove `-t^2 |g|^2 - t U`."""
+    squared = 0.25 * float(np.sum(m.positions**2) + np.sum(m.rotations**2))
+    bound = cost_bound(problem, m, by, covered)
+    if not (squared > 0.0 and np.isfinite(bound) and bound + squared > 0.0):
+        return bound, m, by
+    t = 0.5 * (bound + squared) / squared
+    longer = Multipliers(**{name: t * part for name, part in m.parts().items()})
+    return max(
+        (bound, m, by), (cost_bound(problem, longer, by, covered), longer, by), key=lambda each: each[0]
+    )
 
 
 def _data(m: Multipliers, by: By, covered: Array) -> dict[str, Array]:
@@ -129,6 +154,8 @@ _FIELDS = {
 """The array of each family of rows."""
 _TRACE = 1e-13
 """Part of the largest multiplier below which one is none."""
+_SMALL = 1e-6
+"""Part of it below which one may be an inaccuracy of the solver's."""
 _CONES = ("limit", "ball", "ball step")
 _BELOW_ZERO = ("chord", "cone", "turn", "free turn")
 
@@ -148,10 +175,14 @@ def _multipliers(problem: MechanismProblem, duals: Duals) -> Multipliers:
             z = np.maximum(z, 0.0) if family in _BELOW_ZERO else z
             # the rotation of a floating body is that of the link it moves
             array[index + (family == "free turn")] += z.reshape(array.shape[1:])
-    largest = max(float(np.abs(part).max(initial=0.0)) for part in m.parts().values())
-    # traces of rounding, which what nothing bounds would make infinite
+    return _above(m, _TRACE)
+
+
+def _above(m: Multipliers, part: float) -> Multipliers:
+    """Without those below a part of the largest, which what nothing bounds would make infinite."""
+    least = part * max(float(np.abs(each).max(initial=0.0)) for each in m.parts().values())
     return Multipliers(
-        **{name: np.where(np.abs(part) > _TRACE * largest, part, 0.0) for name, part in m.parts().items()}
+        **{name: np.where(np.abs(each) > least, each, 0.0) for name, each in m.parts().items()}
     )
 
 

@@ -88,22 +88,24 @@ def _spread(
     taken, ways = {WORLD, *goals}, _ways(problem, graph)
     hangs = Hangs(problem, graph, by, 0.0, reached)
     for roots in order:
-        queue = deque((root, root) for root in roots)
+        queue = deque((there, way, root) for root in roots for there, way in ways.get(root, []))
+        # what is rigid before all hinges
+        queue = deque(sorted(queue, key=lambda each: each[1] < graph.joints))
         while queue:
-            node, root = queue.popleft()
-            for there, way in ways.get(node, []):
-                turns = way < graph.joints
-                if there in taken or (on is not None and turns and on.get(there, ALONE) != root):
-                    continue
-                hang = hangs.tried(there, way)
-                if hang is None or hang.off > _DEPARTURE:
-                    hangs.tried(there, ALONE)
-                    continue
-                taken.add(there)
-                if turns:
-                    queue.append((there, root))
+            there, way, root = queue.popleft()
+            turns = way < graph.joints
+            if there in taken or (on is not None and turns and on.get(there, ALONE) != root):
+                continue
+            hang = hangs.tried(there, way)
+            if hang is None or hang.off > _DEPARTURE:
+                hangs.tried(there, ALONE)
+                continue
+            taken.add(there)
+            for beyond, over in ways.get(there, []):
+                if over < graph.joints:
+                    queue.append((beyond, over, root))
                 else:
-                    queue.appendleft((there, root))
+                    queue.appendleft((beyond, over, root))
     return by
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from workcell import clock
 from workcell.geometry.engine import ClearanceEngine
 from workcell.geometry.self_collision import self_collision_pairs
 from workcell.geometry.types import SphereCover
+from workcell.ik.explain.nearness import Nearness, nearness
 from workcell.ik.judge.verify import Verifier
 from workcell.ik.problem import Budget, Clearance, Goal, IKProblem
 from workcell.ik.shared.limits import Interval
@@ -41,6 +42,8 @@ class ClosestPose:
         position_error: metres from the target.
         rotation_error: radians from it.
         clearance: smallest signed distance there.
+        bound: what no configuration is nearer than, proved with obstacles aside; zero where nothing is.
+        proved: the bound in words; empty: nothing worth telling.
     """
 
     q: Array
@@ -48,6 +51,8 @@ class ClosestPose:
     position_error: float
     rotation_error: float
     clearance: Clearance
+    bound: Nearness = field(default_factory=Nearness)
+    proved: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "q", read_only(self.q))
@@ -55,10 +60,11 @@ class ClosestPose:
     @property
     def sentence(self) -> str:
         """In words."""
-        return (
+        found = (
             f"the closest pose found is {1e3 * self.position_error:.1f} mm and "
             f"{np.degrees(self.rotation_error):.1f} degrees away"
         )
+        return f"{found}; {self.proved}" if self.proved else found
 
 
 def closest_pose(
@@ -68,7 +74,7 @@ def closest_pose(
 
     Minimises the squared pose error, at once and after that of the position, under limits and the cover's clearances
     (SLSQP), from configurations `near` (n,), from `q_reference` and from random ones. What the judge refuses is left
-    out. No proof: there may be a nearer one.
+    out. There may be a nearer one; its `bound` says how near any can be.
 
     Args:
         budget: its effort (default: 1) says how many starts are descended from; its seconds end the search.
@@ -92,7 +98,10 @@ def closest_pose(
             if found is not None:
                 cost = _cost(found.position_error, found.rotation_error)
                 best = (cost, found) if best is None or cost < best[0] else best
-    return None if best is None else best[1]
+    if best is None:
+        return None
+    bound = nearness(problem)
+    return replace(best[1], bound=bound, proved=bound.words(problem.tolerances))
 
 
 def _cost(position_error: float, rotation_error: float) -> float:

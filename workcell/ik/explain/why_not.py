@@ -128,6 +128,9 @@ class Explanation:
                 "position_error_m": closest.position_error,
                 "rotation_error_rad": closest.rotation_error,
                 "clearance_m": closest.clearance.distance,
+                "proved": closest.proved,
+                "none_closer_than_m": closest.bound.position,
+                "no_cost_below": closest.bound.cost,
             },
         }
 

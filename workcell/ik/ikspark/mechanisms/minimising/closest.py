@@ -19,10 +19,11 @@ import numpy as np
 from workcell import clock
 from workcell.ik.certificate import Certificate
 from workcell.ik.ikspark.mechanisms.avoid import Avoidance
-from workcell.ik.ikspark.mechanisms.claim import certify_cost, certify_empty
+from workcell.ik.ikspark.mechanisms.claim import certify_empty
 from workcell.ik.ikspark.mechanisms.directions import Directions, loose
 from workcell.ik.ikspark.mechanisms.forms import FormName
 from workcell.ik.ikspark.mechanisms.minimising.adaptive import Descent, Reduction
+from workcell.ik.ikspark.mechanisms.minimising.bound import TIGHT, bound_of, lower_bound
 from workcell.ik.ikspark.mechanisms.minimising.cost import CostProgram
 from workcell.ik.ikspark.mechanisms.parts import Part, Parts
 from workcell.ik.ikspark.mechanisms.program import Program
@@ -53,8 +54,6 @@ COUNTS = (
 
 touch; of the answer its rank gap, what polish moved, how far it was from rotations, and the cost at the minimiser of
 the relaxation and at the rank-1 point."""
-_TIGHT = 1e-9
-"""Clarabel's tolerance for the minimum that the bound is of."""
 _PULL = 0.1
 """Weight of the first random configuration's lift in a start's cost; every further one's is heavier by as much."""
 _ROUNDS = 12
@@ -140,7 +139,7 @@ class _Closest:
 
     def _relaxed(self) -> Array | MechanismCandidate | None:
         """The minimiser of Problem 2b, and the bound that it is; or that the set is empty."""
-        solution = self.program.closest(tolerance=_TIGHT)
+        solution = self.program.closest(tolerance=TIGHT)
         if solution.status == "infeasible":
             multipliers = self.program.multipliers(solution.z)
             self._note("nothing keeps all that has to hold besides the goals' poses")
@@ -152,14 +151,8 @@ class _Closest:
         return solution.x
 
     def _certify(self, solution: ConicSolution) -> None:
-        program = self.program
-        if self._users:  # no proof rests on users' rows: without them the least cost is lower, if anything
-            program = CostProgram(self.relaxation)
-            solution = program.closest(tolerance=_TIGHT)
-        multipliers = program.multipliers(solution.z) if solution.usable else None
-        found = None
-        if multipliers is not None:
-            found = certify_cost(self.problem, program.cost.errors(solution.x), multipliers)
+        # no proof rests on users' rows: without them the least cost is lower, if anything
+        found = lower_bound(self.problem) if self._users else bound_of(self.problem, self.program, solution)
         if found is not None:
             self.bound, self.proof = found
         words = "nothing is proved" if found is None else f"no cost is below {self.bound:.6g}"

@@ -25,7 +25,8 @@ class ExactMechanism:
         self.mechanism = mechanism
         self.zero = np.tile(np.eye(4), (mechanism.link_count, 1, 1))
         for k, joint in enumerate(mechanism.joints):
-            self.zero[k + 1] = self.zero[joint.parent] @ joint.T_parent_joint.matrix
+            if joint.kind != "free":  # its motion is a pose in the world
+                self.zero[k + 1] = self.zero[joint.parent] @ joint.T_parent_joint.matrix
 
     def links(self, q: Array) -> tuple[Array, Array]:
         """Rotations (links, 3, 3) and places (links, 3) of the links in the world at `q` (size,)."""

@@ -46,6 +46,7 @@ class Joint:
         kind: see `JointKind`; the motion of a free joint is a pose in the world, its parent link 0.
         parent: index of the link that carries it.
         T_parent_joint: the joint's frame in that link; the child's frame is there too, turned or shifted by the motion.
+            A free joint has none: it counts as the identity.
         axis: (3,) unit vector in the joint's frame, of a hinge or a slide; zeros else.
         lower, upper: limits of a hinge or a slide, infinite where there are none; a ball turns by `upper` at most, in
             radians; a free joint has none.

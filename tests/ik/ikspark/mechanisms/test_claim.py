@@ -25,7 +25,7 @@ def at(x, y=0.0, z=0.0):
 
 def multipliers(problem, form="quaternion"):
     """What the relaxation has to say: multipliers where it is empty, else None."""
-    relaxation = Relaxation.of(problem, form)
+    relaxation = Relaxation.of(problem, form, pointing=False)
     program = Program(relaxation.lift.size, relaxation.rows)
     if program.contradiction is not None:
         return program.contradiction

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial import polynomial
 
 from workcell.ik.ikspark.mechanisms.edges import AnyEdge, edge_of
-from workcell.ik.ikspark.mechanisms.lift import UNLIMITED_SLIDE, MechanismLift
+from workcell.ik.ikspark.mechanisms.lift import MechanismLift
 from workcell.ik.ikspark.mechanisms.nodes import Nodes
 from workcell.ik.ikspark.mechanisms.rows import Rows
 from workcell.model.mechanism.mechanism import Follower, Mechanism
@@ -124,8 +124,7 @@ def _curve(lift: MechanismLift, index: int, follower: Follower, interval: Array)
         return []
     lower, upper = interval[follower.leader]
     if not np.isfinite(lower + upper):
-        most = np.pi if joints[0].kind == "hinge" else UNLIMITED_SLIDE
-        lower, upper = -most, most
+        lower, upper = -np.pi, np.pi
     value = np.linspace(lower, upper, _SAMPLES)
     follows = polynomial.polyval(value, follower.coefficients)
     low, high = interval[follower.joint]

@@ -23,9 +23,6 @@ from workcell.model.mechanism.mechanism import WORLD, Mechanism
 from workcell.model.mechanism.placing import place
 from workcell.pose import Array, matrix_to_quat
 
-UNLIMITED_SLIDE = 100.0
-"""Metres that a slide without limits is searched in, to either side."""
-
 
 class Edge(Protocol):
     """Two links that are lifted together, so that the angle between them is affine too."""
@@ -58,7 +55,7 @@ class MechanismLift:
         mechanism: the mechanism.
         nodes: its nodes.
         form: of the full ones.
-        interval: (joints, 2) limits of hinges and slides.
+        interval: (joints, 2) limits of hinges and slides, those of slides finite.
         edges: pairs of links that are lifted together, for joints that follow others.
 
     Attributes:
@@ -98,7 +95,7 @@ class MechanismLift:
                 self.floating[k], at = at, at + 3
             if joint.kind != "slide":
                 continue
-            lower, upper = np.clip(interval[k], -UNLIMITED_SLIDE, UNLIMITED_SLIDE)
+            lower, upper = interval[k]
             if lower == upper:
                 self._held[k] = float(lower)
                 continue

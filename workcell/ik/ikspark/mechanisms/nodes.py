@@ -8,7 +8,7 @@ needs a PSD block. Without this the relaxation has no interior point, which inte
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -34,7 +34,7 @@ class Node:
     Attributes:
         kind: `known`, `planar` or `full`.
         P, S: of a planar node `R = P Rz(phi) S`; of a known one P is its rotation.
-        side: of a planar node the known node that it hangs on.
+        side: of a planar node the known node that it hangs on; -2 or less: a goal gives its direction.
     """
 
     kind: Literal["known", "planar", "full"]
@@ -58,13 +58,19 @@ class Nodes:
     C: Array
 
 
-def find_nodes(mechanism: Mechanism, interval: Array, goals: Mapping[int, Array]) -> Nodes:
+def find_nodes(
+    mechanism: Mechanism,
+    interval: Array,
+    goals: Mapping[int, Array],
+    directions: Sequence[tuple[int, Array, Array]] = (),
+) -> Nodes:
     """The nodes of a mechanism.
 
     Args:
         mechanism: the mechanism.
         interval: (joints, 2) limits of its hinges and slides.
         goals: rotations (3, 3) of links that goals fix.
+        directions: links, axes (3,) in them, and the directions (3,) in the world that goals give these.
 
     Raises:
         ModelError: links that are tied to each other in two ways that contradict each other.
@@ -73,7 +79,11 @@ def find_nodes(mechanism: Mechanism, interval: Array, goals: Mapping[int, Array]
     known: dict[int, Array] = {0: np.eye(3)}
     for link, R in goals.items():
         known.setdefault(int(of_link[link]), R @ C[link].T)
-    nodes = _planar(mechanism, of_link, C, known)
+    pointing: dict[int, Node] = {}
+    for number, (link, axis, direction) in enumerate(directions):
+        P, S = frame_with_z(direction), frame_with_z(C[link] @ axis).T
+        pointing.setdefault(int(of_link[link]), Node("planar", P, S, -2 - number))
+    nodes = _planar(mechanism, of_link, C, known, pointing)
     return Nodes(tuple(nodes), of_link, C)
 
 
@@ -115,6 +125,8 @@ def _fixed(mechanism: Mechanism, interval: Array) -> Iterator[tuple[int, int, Ar
         elif joint.kind == "hinge" and interval[k, 0] == interval[k, 1]:
             turn = axis_angle_to_matrix(joint.axis, interval[k, 0])
             yield joint.parent, k + 1, joint.T_parent_joint.rotation @ turn, f"joint {joint.name!r}"
+        elif joint.kind == "ball" and joint.upper == 0.0:
+            yield joint.parent, k + 1, joint.T_parent_joint.rotation, f"joint {joint.name!r}"
     for closure in mechanism.closures:
         if closure.kind == "weld":
             F, G = closure.frames
@@ -122,10 +134,16 @@ def _fixed(mechanism: Mechanism, interval: Array) -> Iterator[tuple[int, int, Ar
 
 
 def _planar(
-    mechanism: Mechanism, of_link: NDArray[np.int64], C: Array, known: Mapping[int, Array]
+    mechanism: Mechanism,
+    of_link: NDArray[np.int64],
+    C: Array,
+    known: Mapping[int, Array],
+    pointing: Mapping[int, Node],
 ) -> list[Node]:
     """Known nodes, and outwards from them those that hang by hinges of one direction; the nearest source counts."""
     nodes = [Node("full") for _ in range(int(of_link.max()) + 1)]
+    for node, given in pointing.items():
+        nodes[node] = given
     for node, R in known.items():
         nodes[node] = Node("known", R)
     edges: dict[int, list[tuple[Joint, int, int]]] = {}
@@ -133,7 +151,7 @@ def _planar(
         if joint.kind == "hinge" and of_link[joint.parent] != of_link[k + 1]:
             for node in (of_link[joint.parent], of_link[k + 1]):
                 edges.setdefault(int(node), []).append((joint, joint.parent, k + 1))
-    queue = deque(known)
+    queue = deque([*known, *(node for node in pointing if node not in known)])
     while queue:
         here = queue.popleft()
         for joint, parent, child in edges.get(here, []):

@@ -21,9 +21,9 @@ Multipliers = dict[tuple[str, int], Array]
 _DEPENDENT = 1e-9
 """Part of the largest pivot below which an equality row follows from the others."""
 _CONTRADICTION = 1e-8
-"""What such a row may miss for it to be true as well."""
-_REFINED = 1e-8
-"""Clarabel's tolerance for what it fails to solve to the usual one: its steps are refined from here on."""
+"""What such a row may miss, as part of its largest number, for it to be true as well."""
+_OTHERWISE = (1e-8, 1e-5)
+"""Clarabel's tolerances for what it fails to solve to the usual one: refined steps first, then fewer digits."""
 _ORDER: tuple[ConeName, ...] = ("zero", "nonneg", "soc", "psd")
 
 
@@ -68,8 +68,9 @@ class Program:
         if len(left):
             combination = np.linalg.lstsq(A[chosen].T, A[left].T, rcond=None)[0]
             off = b[left] - combination.T @ b[chosen]
-            worst = int(np.argmax(np.abs(off)))
-            if abs(off[worst]) > _CONTRADICTION:
+            size = np.maximum(np.abs(E).max(axis=1)[left], 1.0)
+            worst = int(np.argmax(np.abs(off) / size))
+            if abs(off[worst]) > _CONTRADICTION * size[worst]:
                 z = np.zeros(len(E))
                 z[left[worst]], z[chosen] = 1.0, -combination[:, worst]
                 # the sum of z times rows is constant: -z b; as a Farkas combination it has to be negative
@@ -100,8 +101,10 @@ class Program:
         if self._solver is None:
             self._solver = self._made(self._tolerance)
         solution = self._solver.solve(self._padded(q))
-        if solution.status in ("failed", "almost_infeasible"):
-            solution = self._made(_REFINED).solve(self._padded(q))
+        for other in _OTHERWISE:
+            if solution.status not in ("failed", "almost_infeasible"):
+                break
+            solution = self._made(other).solve(self._padded(q))
         return self._cropped(solution)
 
     def _padded(self, q: Array) -> Array:

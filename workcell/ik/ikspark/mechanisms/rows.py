@@ -20,6 +20,8 @@ from workcell.model.mechanism.placing import Placed, place
 from workcell.pose import Array
 
 ConeName = Literal["zero", "nonneg", "soc", "psd"]
+_SPARE = 0.5
+"""Metres on top of all lengths, for slides without limits."""
 _NOTHING = 1e-13
 """Rows whose numbers are all below this say nothing."""
 
@@ -35,7 +37,11 @@ class Rows:
 
 
 def interval_of(problem: MechanismProblem) -> Array:
-    """(joints, 2) limits of hinges and slides, cut with `max_step` around the reference; infinite for other kinds."""
+    """(joints, 2) limits of hinges and slides, cut with `max_step` around the reference; infinite for other kinds.
+
+    Slides without limits get some that are longer than all lengths together, with the farthest goal: they are searched
+    no farther. Proofs have limits of their own.
+    """
     mechanism = problem.mechanism
     interval = np.array([[joint.lower, joint.upper] for joint in mechanism.joints])
     for k, joint in enumerate(mechanism.joints):
@@ -45,7 +51,24 @@ def interval_of(problem: MechanismProblem) -> Array:
             here = float(problem.q_reference[mechanism.value_slices[k]][0])
             step = float(problem.max_step[mechanism.rate_slices[k]][0])  # type: ignore[index]
             interval[k] = max(interval[k, 0], here - step), min(interval[k, 1], here + step)
+    slides = np.array([joint.kind == "slide" for joint in mechanism.joints])
+    if not np.all(np.isfinite(interval[slides])):
+        most = _all_lengths(problem, interval[slides])
+        interval[slides] = np.clip(interval[slides], -most, most)
     return interval
+
+
+def _all_lengths(problem: MechanismProblem, slides: Array) -> float:
+    """Metres of all links, ties, frames, limited slides, and of the farthest goal."""
+    mechanism = problem.mechanism
+    frames = [joint.T_parent_joint for joint in mechanism.joints]
+    frames += [frame for closure in mechanism.closures for frame in closure.frames]
+    frames += [mechanism.frame(goal.frame).T_link_frame for goal in problem.goals]
+    length = sum(float(np.linalg.norm(frame.position)) for frame in frames)
+    length += float(np.abs(slides[np.isfinite(slides)]).sum())
+    goals = [float(np.linalg.norm(goal.position)) for goal in problem.goals if goal.position is not None]
+    homes = np.abs(mechanism.home).max(initial=0.0)
+    return max(length + max(goals, default=0.0), float(homes)) + _SPARE
 
 
 def structure(lift: MechanismLift) -> Iterator[Rows]:
@@ -212,6 +235,16 @@ def _bounds(lift: MechanismLift, problem: MechanismProblem, reference: Placed) -
             if most < np.pi:
                 row = np.einsum("ijx,ij->x", lift.rotations[k + 1], reference.R[k + 1])
                 yield Rows("free turn", k, "nonneg", _plus(row, -1.0 - 2.0 * np.cos(most))[None])
+                twist = _twist(lift.rotations[k + 1], reference.R[k + 1])
+                room = steps[mechanism.rate_slices[k]][3:, None] * _one(lift.size)
+                yield Rows("free twist", k, "nonneg", np.vstack([room - twist, room + twist]))
+
+
+def _twist(R: Array, R_reference: Array) -> Array:
+    """(3, N + 1) axis times sine of the turn from a reference, in the child: no component exceeds that of the turn."""
+    relative = np.einsum("ki,kjx->ijx", R_reference, R)
+    pairs = ((2, 1), (0, 2), (1, 0))
+    return np.stack([0.5 * (relative[i, j] - relative[j, i]) for i, j in pairs])
 
 
 def says_something(rows: Rows) -> bool:

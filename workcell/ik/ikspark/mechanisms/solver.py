@@ -257,11 +257,23 @@ class _Search:
         return x if better else step.x
 
     def _proof(self, multipliers: Multipliers) -> Certificate | None:
-        proof = certify_empty(self.problem, multipliers)
+        proof = certify_empty(self.problem, multipliers) or self._proof_by_rows()
         self.stages.add("proof", note="too weak" if proof is None else "the relaxation is empty")
         if proof is None:
             self._note("the relaxation is empty, but not by the margin that the tolerances need")
         return proof
+
+    def _proof_by_rows(self) -> Certificate | None:
+        """A proof from the relaxation in which goals' directions are rows, as proofs know them, and no reduction."""
+        if not any(goal.axis is not None and goal.within == 0.0 for goal in self.problem.goals):
+            return None
+        relaxation = Relaxation.of(self.problem, self.lift.form.name, pointing=False)
+        program = Program(relaxation.lift.size, relaxation.rows)
+        multipliers = program.contradiction
+        if multipliers is None:
+            solution = program.solve(np.zeros(relaxation.lift.size))
+            multipliers = program.multipliers(solution.z) if solution.status == "infeasible" else None
+        return None if multipliers is None else certify_empty(self.problem, multipliers)
 
     def _over(self) -> bool:
         return clock.cpu_seconds() >= self._deadline or self.parts.solves >= self._most

@@ -12,7 +12,7 @@ import numpy as np
 from workcell.cli import exit_codes
 from workcell.cli.output import busy, check_outputs, print_json, print_table, progress_bar, tell
 from workcell.compile_ahead import DECIDING, compile_ahead
-from workcell.errors import InputError, UnknownNameError
+from workcell.errors import InputError, ModelError, UnknownNameError
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import IKResult
 from workcell.pose import Pose
@@ -23,14 +23,25 @@ if TYPE_CHECKING:
 
 def ik(options: argparse.Namespace) -> int:
     """One query, answered in words."""
+    from workcell.cli.mechanisms import answer_mechanism, asks_of_mechanism
     from workcell.ik.explain.why_not import explain
     from workcell.ik.solve import check_solver_name, solve
 
+    if (options.pose is None) == (options.goals is None):
+        options.parser.error("give --pose, or --goals instead")
+    if asks_of_mechanism(options):
+        return answer_mechanism(options)
     check_solver_name(options.solver)
-    _compile_ahead(options.solver)
     target = Pose(np.array(options.pose[:3]), np.array(options.pose[3:]))
-    with busy(f"loading {options.cell or options.robot}"):
-        problem = replace(_world(options).problem(target), goal=options.goal)
+    try:
+        with busy(f"loading {options.cell or options.robot}"):
+            world = _world(options)
+    except (ModelError, UnknownNameError) as error:
+        if isinstance(error, UnknownNameError) and error.kind != "tool":
+            raise
+        return answer_mechanism(options, error)
+    _compile_ahead(options.solver)
+    problem = replace(world.problem(target), goal=options.goal)
     result = solve(problem, solver=options.solver, budget=Budget(options.budget_s), seed=options.seed)
     why = None
     if result.status.is_proof and not options.no_why:

@@ -37,15 +37,30 @@ def _add_ik(commands: Commands) -> None:
     ik.add_argument(
         "robot",
         metavar="ROBOT",
-        help="a robot's name or model file; in a task, the name of one of its robots",
+        help="a robot's name or model file; in a task, the name of one of its robots; a cell or task, whose joints are "
+        "all asked",
     )
     ik.add_argument(
         "--pose",
         nargs=7,
         type=float,
-        required=True,
         metavar=("X", "Y", "Z", "QW", "QX", "QY", "QZ"),
         help="wanted world pose of the tool",
+    )
+    ik.add_argument(
+        "--goals",
+        metavar="FILE.toml",
+        help="several goals, regions and contacts at once (format workcell-goals/1), in place of --pose",
+    )
+    ik.add_argument(
+        "--mechanism",
+        action="store_true",
+        help="ask all joints of the model, as is done where it is no serial robot: loops, ball joints, several arms",
+    )
+    ik.add_argument(
+        "--form",
+        choices=("quaternion", "rotation"),
+        help="of ikspark's lift of rotations, for mechanisms (default: quaternion)",
     )
     # argparse alone takes -1e-3 for an option
     ik._negative_number_matcher = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$|^-(inf|nan)$")

@@ -103,10 +103,7 @@ class MechanismWorld:
             ModelError: as `mechanism_of`, or a geom without a convex form; UnknownNameError: a joint, geom, body or
                 frame that is not there; InputError: a body that is held but does not float.
         """
-        mechanism = _mechanism(scene, qpos, moving, held)
-        if held:
-            grasps = (_grasp(mechanism, one) for one in held)
-            mechanism = replace(mechanism, closures=(*mechanism.closures, *grasps))
+        mechanism = mechanism_in(scene, qpos=qpos, moving=moving, held=held)
         pairs = tuple((str(one), str(two)) for one, two in touching)
         return _world(mechanism, pairs, overshoot, samples, seed)
 
@@ -144,6 +141,21 @@ class MechanismWorld:
             max_link_rotation=max_link_rotation,
             tolerances=tolerances or MechanismTolerances(safety_margin=margin),
         )
+
+
+def mechanism_in(
+    scene: Scene | mujoco.MjModel | Mechanism | str | Path,
+    *,
+    qpos: ArrayLike | None = None,
+    moving: Collection[str] | None = None,
+    held: Sequence[Held] = (),
+) -> Mechanism:
+    """The mechanism in a scene, grasps among its closures; arguments and errors as of `MechanismWorld.of`."""
+    mechanism = _mechanism(scene, qpos, moving, held)
+    if not held:
+        return mechanism
+    grasps = (_grasp(mechanism, one) for one in held)
+    return replace(mechanism, closures=(*mechanism.closures, *grasps))
 
 
 def _mechanism(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,16 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from workcell.errors import InputError, ModelError, UnknownNameError
-from workcell.files import regular_text
+from workcell.errors import InputError, UnknownNameError
+from workcell.model.loading.toml_reader import TomlReader, is_number, read_toml
 from workcell.pose import Pose
 
 FORMAT = "workcell-task/1"
-
-_LARGEST = 1e6
-"""Metres or radians beyond which a number can only be a mistake (and arithmetic loses digits)."""
-
-_NAME = re.compile(r"\w[\w.-]*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,22 +88,8 @@ class TaskFile:
 
 def read_task_file(path: Path) -> TaskFile:
     """Parse and validate; raises ModelError naming the file and the key."""
-    try:
-        table = tomllib.loads(regular_text(path))
-    except OSError as error:
-        raise ModelError(f"can't read this file: {error.strerror}", where=path) from None
-    except UnicodeDecodeError:
-        raise ModelError("this is not a text file", where=path, remedy="a TOML file, in UTF-8") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ModelError(f"this is not valid TOML: {error}", where=path) from None
-    except ValueError:
-        raise ModelError("this holds a number of too many digits", where=path) from None
-    except RecursionError:
-        raise ModelError("this is nested too deeply", where=path) from None
-    reader = _Reader(path)
-    if table.get("format") != FORMAT:
-        given = f"is {table['format']!r}" if "format" in table else "is missing"
-        raise reader.error("format", given, f'format = "{FORMAT}"')
+    reader, table = TomlReader(path), read_toml(path)
+    reader.format(table, FORMAT)
     reader.only_keys(
         table,
         {"format", "name", "description", "cell", "robots", "objects", "goals", "mechanism", "task"},
@@ -142,7 +121,7 @@ def read_task_file(path: Path) -> TaskFile:
     )
 
 
-def _mechanism(reader: _Reader, table: Mapping[str, Any]) -> MechanismEntry | None:
+def _mechanism(reader: TomlReader, table: Mapping[str, Any]) -> MechanismEntry | None:
     entry, at = table.get("mechanism"), "mechanism"
     if entry is None:
         return None
@@ -153,14 +132,14 @@ def _mechanism(reader: _Reader, table: Mapping[str, Any]) -> MechanismEntry | No
     if not isinstance(start, dict):
         raise reader.error(f"{at}.start", f"is {start!r}", "a table of joints")
     values = {
-        name: reader.numbers({name: [value] if _is_number(value) else value}, name, f"{at}.start")
+        name: reader.numbers({name: [value] if is_number(value) else value}, name, f"{at}.start")
         for name, value in start.items()
     }
     joints = reader.texts(entry, "joints", at) if "joints" in entry else None
     return MechanismEntry(reader.name(entry, at), joints, reader.texts(entry, "frames", at), values)
 
 
-def _robot(reader: _Reader, entry: Mapping[str, Any], k: int) -> RobotEntry:
+def _robot(reader: TomlReader, entry: Mapping[str, Any], k: int) -> RobotEntry:
     at = f"robots[{k}]"
     reader.only_keys(entry, {"name", "model", "mount", "gripper", "gripper_site", "start", "tool"}, at)
     start = entry.get("start", "home")
@@ -178,12 +157,10 @@ def _robot(reader: _Reader, entry: Mapping[str, Any], k: int) -> RobotEntry:
     )
 
 
-def _object(reader: _Reader, entry: Mapping[str, Any], k: int) -> ObjectEntry:
+def _object(reader: TomlReader, entry: Mapping[str, Any], k: int) -> ObjectEntry:
     at = f"objects[{k}]"
     reader.only_keys(entry, {"name", "model", "place", "fixed", "vary_xyz", "vary_yaw"}, at)
-    fixed = entry.get("fixed", False)
-    if not isinstance(fixed, bool):
-        raise reader.error(f"{at}.fixed", f"is {fixed!r}", "true or false")
+    fixed = reader.truth(entry, "fixed", at)
     vary_xyz = reader.numbers(entry, "vary_xyz", at, default=(0.0, 0.0, 0.0))
     vary_yaw = reader.number(entry, "vary_yaw", at, default=0.0)
     if len(vary_xyz) != 3 or min(*vary_xyz, vary_yaw) < 0:
@@ -202,7 +179,7 @@ def _object(reader: _Reader, entry: Mapping[str, Any], k: int) -> ObjectEntry:
     )
 
 
-def _goal(reader: _Reader, entry: Mapping[str, Any], k: int, robots: tuple[RobotEntry, ...]) -> GoalEntry:
+def _goal(reader: TomlReader, entry: Mapping[str, Any], k: int, robots: tuple[RobotEntry, ...]) -> GoalEntry:
     at = f"goals[{k}]"
     reader.only_keys(entry, {"name", "robot", "relative_to", "xyz", "quat_wxyz"}, at)
     robot = reader.text(entry, "robot", at, default=robots[0].name if len(robots) == 1 else "")
@@ -218,72 +195,3 @@ def _goal(reader: _Reader, entry: Mapping[str, Any], k: int, robots: tuple[Robot
         ) from None
     name = reader.name(entry, at)
     return GoalEntry(name, robot, reader.text(entry, "relative_to", at, default="world"), offset)
-
-
-def _is_number(value: object) -> bool:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    return abs(value) <= _LARGEST  # which does not hold of nan
-
-
-@dataclass(frozen=True, slots=True)
-class _Reader:
-    path: Path
-
-    def error(self, key: str, problem: str, valid: str) -> ModelError:
-        return ModelError(f"{key} {problem}", where=self.path, remedy=f"valid: {valid}")
-
-    def tables(self, table: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
-        entries = table.get(key, [])
-        if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-            raise self.error(key, "must be a list of tables", f"[[{key}]]")
-        return entries
-
-    def text(self, table: Mapping[str, Any], key: str, at: str, *, default: str | None = None) -> str:
-        value = table.get(key, default)
-        if not isinstance(value, str):
-            raise self.error(
-                f"{at}.{key}".lstrip("."), "is missing" if value is None else f"is {value!r}", "a string"
-            )
-        return value
-
-    def name(self, table: Mapping[str, Any], at: str, *, default: str | None = None) -> str:
-        """A name of files and of prefixes in the compiled model."""
-        name = self.text(table, "name", at, default=default)
-        if not _NAME.fullmatch(name):
-            raise self.error(f"{at}.name".lstrip("."), f"is {name!r}", "letters, digits, _ - and . inside")
-        return name
-
-    def texts(self, table: Mapping[str, Any], key: str, at: str) -> tuple[str, ...]:
-        value = table.get(key, [])
-        if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
-            raise self.error(f"{at}.{key}", f"is {value!r}", "a list of strings")
-        return tuple(value)
-
-    def number(self, table: Mapping[str, Any], key: str, at: str, *, default: float) -> float:
-        value = table.get(key, default)
-        if not _is_number(value):
-            raise self.error(f"{at}.{key}", f"is {value!r}", f"a finite number of at most {_LARGEST:g}")
-        return float(value)
-
-    def numbers(
-        self, table: Mapping[str, Any], key: str, at: str, *, default: tuple[float, ...] | None = None
-    ) -> tuple[float, ...]:
-        value = table.get(key, default)
-        if not isinstance(value, list | tuple) or not all(_is_number(x) for x in value):
-            raise self.error(
-                f"{at}.{key}",
-                "is missing" if value is None else f"is {value!r}",
-                f"a list of finite numbers of at most {_LARGEST:g} each",
-            )
-        return tuple(float(x) for x in value)
-
-    def only_keys(self, table: Mapping[str, Any], known: set[str], at: str) -> None:
-        for key in table:
-            if key not in known:
-                raise UnknownNameError("key", key, known, where=f"{self.path}: {at}" if at else self.path)
-
-    def unique(self, names: list[str], at: str) -> None:
-        for name in names:
-            if names.count(name) > 1:
-                raise self.error(at, f"has the name {name!r} twice", "each name once")

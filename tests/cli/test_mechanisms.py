@@ -127,6 +127,18 @@ def test_contacts_of_fingers_may_touch_and_nothing_else(capsys):
     assert code == exit_codes.DONE and answer["region_error_m"] < 1e-6 and answer["clearance_m"] >= 0.0
 
 
+def test_the_closest_configuration_has_its_cost_and_a_bound(capsys, four_bar, tmp_path):
+    question = goals(tmp_path, at(2.0, 0.0) + "[options]\nclosest = true\n")
+    code, out, _ = call(capsys, "ik", four_bar, "--goals", question, "--json")
+    answer = json.loads(out)
+    assert code == exit_codes.DONE and 0.0 <= answer["bound"] <= answer["cost"] + 1e-9
+    assert answer["cost"] == pytest.approx(answer["position_error_m"] ** 2, rel=1e-6)
+    code, out, _ = call(capsys, "ik", four_bar, "--goals", goals(tmp_path, at(2.0, 0.0)), "--closest")
+    assert code == exit_codes.DONE and "proved: none is below" in out
+    code, _, err = call(capsys, "ik", four_bar, "--goals", question, "--closest", "--solver", "chains")
+    assert code == exit_codes.BAD_INPUT and "--closest" in err
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from workcell.ik.mechanisms.result import MechanismResult
     from workcell.model.mechanism.mechanism import Mechanism
     from workcell.model.scene import Scene
+    from workcell.sets.goals import Goals
 
 _WORK = {"sdps": "cone programs", "restarts": "restarts", "cuts": "rows added", "starts": "random starts"}
 """Numbers of solvers that are told, and their words."""
@@ -31,7 +32,7 @@ def asks_of_mechanism(options: argparse.Namespace) -> bool:
     """Whether a question is about a mechanism, whatever the model is."""
     from workcell.model.loading.assets import is_path, list_assets, list_tasks
 
-    if options.goals is not None or options.mechanism or options.form is not None:
+    if options.goals is not None or options.mechanism or options.closest or options.form is not None:
         return True
     name = str(options.robot)
     if options.cell is not None:
@@ -51,22 +52,31 @@ def answer_mechanism(options: argparse.Namespace, refused: WorkcellError | None 
             frame, either.
     """
     from workcell.ik.mechanisms.hygiene import check_problem
-    from workcell.ik.solve_mechanism import mechanism_solver_names, solve_mechanism
+    from workcell.ik.mechanisms.nearest import without_poses
+    from workcell.ik.solve_mechanism import (
+        CLOSEST_SOLVERS,
+        closest_configuration,
+        mechanism_solver_names,
+        solve_mechanism,
+    )
 
     if options.solver not in mechanism_solver_names():
         raise UnknownNameError("solver", options.solver, mechanism_solver_names(), where="solver")
     with busy(f"loading {options.cell or options.robot}"):
         try:
-            problem, form = _question(options)
+            problem, asked = _question(options)
         except (ModelError, UnknownNameError) as error:
             raise refused or error from None
-    notes = (*problem.mechanism.notes, *check_problem(problem))
-    result = solve_mechanism(
+    closest = options.closest or (asked is not None and asked.closest)
+    if closest and options.solver not in ("auto", *CLOSEST_SOLVERS):
+        raise UnknownNameError("solver", options.solver, ("auto", *CLOSEST_SOLVERS), where="--closest")
+    notes = (*problem.mechanism.notes, *check_problem(without_poses(problem) if closest else problem))
+    result = (closest_configuration if closest else solve_mechanism)(
         problem,
         solver=options.solver,
         budget=Budget(options.budget_s),
         seed=options.seed,
-        form=options.form or form or "quaternion",
+        form=options.form or (asked.form if asked else None) or "quaternion",
     )
     if options.json:
         print_json({**_json(problem, result, notes), "because": None if refused is None else refused.message})
@@ -79,14 +89,14 @@ def answer_mechanism(options: argparse.Namespace, refused: WorkcellError | None 
     return exit_codes.IMPOSSIBLE if result.status.is_impossible else exit_codes.NOT_ACHIEVED
 
 
-def _question(options: argparse.Namespace) -> tuple[MechanismProblem, Any]:
-    """The problem, and the form that a file of goals asks for."""
+def _question(options: argparse.Namespace) -> tuple[MechanismProblem, Goals | None]:
+    """The problem, and the file of goals that asks it."""
     from workcell.sets.goals import read_goals
     from workcell.world.mechanism_world import MechanismWorld, mechanism_in
 
     if options.goals is not None:
         asked = read_goals(Path(options.goals))
-        return asked.problem(_source(options)), asked.form
+        return asked.problem(_source(options)), asked
     target = Pose(np.array(options.pose[:3]), np.array(options.pose[3:]))
     mechanism = mechanism_in(_source(options))
     goal = _goal(options, _frame(options, mechanism), target)
@@ -166,6 +176,9 @@ def _json(problem: MechanismProblem, result: MechanismResult, notes: tuple[str, 
         "rotation_error_rad": None if measured is None else measured.rotation_error,
         "region_error_m": None if measured is None else measured.region_error,
         "closure_error": None if measured is None else measured.closure_error,
+        "cost": result.cost,
+        "bound": result.bound,
+        "gap": result.gap,
         "clearance_m": None if measured is None else measured.clearance.distance,
         "nearest_pair": measured.clearance.pair
         if measured is not None and any(measured.clearance.pair)
@@ -191,6 +204,8 @@ def _values(mechanism: Mechanism, q: Any) -> dict[str, list[float] | float]:
 
 def _sentence(result: MechanismResult) -> str:
     """The status in words; of a mechanism it is ties, goals and regions that an answer keeps."""
+    if result.solved and np.isfinite(result.cost):
+        return "The closest configuration that was found keeps every tie, which was independently verified."
     if result.solved:
         return "A configuration that keeps every tie and reaches every goal was found and independently verified."
     return result.status.sentence
@@ -220,6 +235,11 @@ def _tell(problem: MechanismProblem, result: MechanismResult, notes: tuple[str, 
                 f"  clearance {1e3 * measured.clearance.distance:.1f} mm, between {first} and {second} "
                 f"(of {measured.looked_at} pairs)"
             )
+    if np.isfinite(result.cost):
+        tell(
+            f"  cost {result.cost:.6g} (squared errors of positions, metres, and of rotations' entries); "
+            f"proved: none is below {result.bound:.6g}, a gap of {result.gap:.2g}"
+        )
     if result.certificate is not None:
         tell(f"  proof ({result.certificate.kind}): {result.certificate.statement}")
     for note in notes:

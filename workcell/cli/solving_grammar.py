@@ -58,6 +58,11 @@ def _add_ik(commands: Commands) -> None:
         help="ask all joints of the model, as is done where it is no serial robot: loops, ball joints, several arms",
     )
     ik.add_argument(
+        "--closest",
+        action="store_true",
+        help="the configuration of a mechanism that comes closest to goals out of reach, with a bound that is proved",
+    )
+    ik.add_argument(
         "--form",
         choices=("quaternion", "rotation"),
         help="of ikspark's lift of rotations, for mechanisms (default: quaternion)",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import json
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -133,12 +134,13 @@ def mechanism_forgeries(n: int, seed: int) -> Iterator[tuple[MechanismCase, str,
 
 def restated(problem: MechanismProblem, text: str) -> str:
     """A certificate that says of itself what its numbers show, as far as they show anything."""
-    with contextlib.suppress(WorkcellError, KeyError, ValueError, IndexError, TypeError, OverflowError):
+    clumsy = (WorkcellError, KeyError, ValueError, IndexError, TypeError, OverflowError)
+    with contextlib.suppress(*clumsy), np.errstate(over="ignore", invalid="ignore"):
         found = Certificate.from_json(text)
         m, covered = Multipliers.of(found.data), found.data["tolerances"]
         by = np.clip(found.data["hangs"], -2.0, 1e3).astype(np.int64)
         if found.kind == COST_KIND:
-            value = cost_bound(problem, m, by, covered)
+            value = cost_bound(problem, m, by, covered, math.sqrt(max(found.margin, 0.0)))
             words = nothing_is_closer(problem, covered, value)
         else:
             value, words = margin(problem, m, by, covered), nothing_reaches(problem, covered)

@@ -30,7 +30,7 @@ def check_mechanism(problem: MechanismProblem, certificate: Certificate) -> str 
     """Why a certificate of kind `mechanism/1` or `mechanism_chain/1` proves nothing about `problem`; None: it holds."""
     if certificate.kind == CHAIN_KIND:
         return check_chain(problem, certificate)
-    refusal = _wrong(problem, certificate, KIND, reached=True)
+    refusal = _wrong(problem, certificate, KIND, None)
     if refusal is not None:
         return refusal
     covered, m, by = _numbers(certificate)
@@ -50,15 +50,19 @@ def check_cost(problem: MechanismProblem, certificate: Certificate) -> float | N
 
 def why_no_bound(problem: MechanismProblem, certificate: Certificate) -> str | None:
     """Why a certificate of kind `mechanism_cost/1` proves nothing about `problem`, or None when its bound holds."""
-    refusal = _wrong(problem, certificate, COST_KIND, reached=False)
+    if not certificate.margin > 0.0:
+        return f"a bound of {certificate.margin:.6g} says nothing"
+    # what would be closer than it says has its frames that near to their goals
+    near = math.sqrt(certificate.margin)
+    refusal = _wrong(problem, certificate, COST_KIND, near)
     if refusal is not None:
         return refusal
     covered, m, by = _numbers(certificate)
     try:
-        found = cost_bound(problem, m, by, covered)
+        found = cost_bound(problem, m, by, covered, near)
     except ValueError as error:
         return str(error)
-    if not 0.0 < certificate.margin <= found:
+    if not certificate.margin <= found:
         return f"its multipliers prove a bound of {found:.6g}, not of {certificate.margin:.6g} as it says"
     if certificate.scope != SCOPE:
         return f"the scope {certificate.scope!r} is not what it proves: that is of the scope {SCOPE!r}"
@@ -82,8 +86,10 @@ def margin(problem: MechanismProblem, m: Multipliers, by: NDArray[np.int64], cov
     return -upper_bound(graph, scaled, total, hangs, covered) / scaled.length() - ROUNDING
 
 
-def cost_bound(problem: MechanismProblem, m: Multipliers, by: NDArray[np.int64], covered: Array) -> float:
-    """What the sum of squared errors of positions and rotations is never below, by these multipliers.
+def cost_bound(
+    problem: MechanismProblem, m: Multipliers, by: NDArray[np.int64], covered: Array, near: float
+) -> float:
+    """What the sum of squared errors is never below where no position is off by more than `near` metres.
 
     With e the errors and g half the multipliers of positions and rotations, their signs turned:
     `|e|^2 >= 2 <g, e> - |g|^2`, and F is `-2 <g, e>` and what is zero or more at every configuration.
@@ -91,7 +97,7 @@ def cost_bound(problem: MechanismProblem, m: Multipliers, by: NDArray[np.int64],
     Raises:
         ValueError: a node hangs by what does not hold it.
     """
-    graph = Graph.of(problem, covered, reached=False)
+    graph = Graph.of(problem, covered, near=near)
     total = Sum(problem, graph, m, covered, reached=False)
     hangs = Hangs(problem, graph, by, float(covered[2]), reached=False)
     squared = 0.25 * float(np.sum(m.positions**2) + np.sum(m.rotations**2))
@@ -99,7 +105,7 @@ def cost_bound(problem: MechanismProblem, m: Multipliers, by: NDArray[np.int64],
     return -squared - value - ROUNDING * m.length() - 1e-12 * squared
 
 
-def _wrong(problem: MechanismProblem, certificate: Certificate, kind: str, *, reached: bool) -> str | None:
+def _wrong(problem: MechanismProblem, certificate: Certificate, kind: str, near: float | None) -> str | None:
     """Why a certificate is not one of a kind about a problem, each number of it in its place; None if it is."""
     if certificate.kind != kind:
         return f"it is of kind {certificate.kind!r}, not {kind!r}"
@@ -113,7 +119,7 @@ def _wrong(problem: MechanismProblem, certificate: Certificate, kind: str, *, re
     if not bool(np.all((by >= -1) & (by < most) & (np.floor(by) == by))):
         return "what nodes hang by is no whole number in range"
     covered, m, _ = _numbers(certificate)
-    return unsuited(problem, covered, reached=reached) or misplaced(problem, m)
+    return unsuited(problem, covered, near=near) or misplaced(problem, m)
 
 
 def _wrong_tolerances(problem: MechanismProblem, certificate: Certificate) -> str | None:

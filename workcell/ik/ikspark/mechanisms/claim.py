@@ -84,8 +84,8 @@ def certify_cost(problem: MechanismProblem, g: Array, multipliers: Duals) -> tup
         multipliers: of all other rows, as in `certify_empty`, of the minimum of |e|^2 over them: at it
             `2 <g, e> - sum z_i . f_i` is least too.
     """
-    covered = asked_for(problem)
-    if unsuited(problem, covered, reached=False) is not None:
+    covered, near = asked_for(problem), float(np.linalg.norm(g))
+    if unsuited(problem, covered, near=near) is not None:
         return None
     posed = np.array([goal.position is not None for goal in problem.goals], dtype=bool)
     turned = np.array([goal.rotation is not None for goal in problem.goals], dtype=bool)
@@ -93,7 +93,7 @@ def certify_cost(problem: MechanismProblem, g: Array, multipliers: Duals) -> tup
     poses = Multipliers.none(problem)
     poses.positions[:] = -2.0 * errors[:, 9:] * posed[:, None]
     poses.rotations[:] = -2.0 * errors[:, :9].reshape(-1, 3, 3) * turned[:, None, None]
-    graph = Graph.of(problem, covered, reached=False)
+    graph = Graph.of(problem, covered, near=near)
     others = _multipliers(problem, multipliers)
     choices = [
         (poses, others),
@@ -101,13 +101,13 @@ def certify_cost(problem: MechanismProblem, g: Array, multipliers: Duals) -> tup
         (_above(poses, _SMALL), None),
     ]
     tried = [
-        _longest(problem, _completed(problem, graph, m, by, covered, reached=False), by, covered)
+        _longest(problem, _completed(problem, graph, m, by, covered, reached=False), by, covered, near)
         for asked, held in choices
         for m in [replace(held or asked, positions=asked.positions, rotations=asked.rotations)]
         for by in ways_to_hang(problem, graph, reached=False)
     ]
     found, best, by = max(tried, key=lambda each: each[0])
-    bound = found * (1.0 - 1e-9)
+    bound = min(found, near * near) * (1.0 - 1e-9)
     if not bound > 0.0:
         return None
     words = nothing_is_closer(problem, covered, bound)
@@ -118,17 +118,17 @@ def certify_cost(problem: MechanismProblem, g: Array, multipliers: Duals) -> tup
 
 
 def _longest(
-    problem: MechanismProblem, m: Multipliers, by: By, covered: Array
+    problem: MechanismProblem, m: Multipliers, by: By, covered: Array, near: float
 ) -> tuple[float, Multipliers, By]:
     """The best bound by multiples of given multipliers: with U of F, t times them prove `-t^2 |g|^2 - t U`."""
     squared = 0.25 * float(np.sum(m.positions**2) + np.sum(m.rotations**2))
-    bound = cost_bound(problem, m, by, covered)
+    bound = cost_bound(problem, m, by, covered, near)
     if not (squared > 0.0 and np.isfinite(bound) and bound + squared > 0.0):
         return bound, m, by
     t = 0.5 * (bound + squared) / squared
     longer = Multipliers(**{name: t * part for name, part in m.parts().items()})
     return max(
-        (bound, m, by), (cost_bound(problem, longer, by, covered), longer, by), key=lambda each: each[0]
+        (bound, m, by), (cost_bound(problem, longer, by, covered, near), longer, by), key=lambda each: each[0]
     )
 
 

@@ -107,13 +107,14 @@ class Graph:
     length: float
 
     @staticmethod
-    def of(problem: MechanismProblem, covered: Array, *, reached: bool = True) -> Graph:
+    def of(problem: MechanismProblem, covered: Array, *, near: float | None = None) -> Graph:
         """The graph of a problem's mechanism.
 
         Args:
             problem: the question.
             covered: (4,) tolerances: position, rotation, ties, regions.
-            reached: whether frames are at their goals' positions, which bounds how far links can be.
+            near: metres from their goals that frames' origins are, which bounds how far links can be; None: the
+                covered tolerance.
         """
         joints = problem.mechanism.joints
         turn = np.stack([joint.T_parent_joint.rotation for joint in joints])
@@ -129,7 +130,7 @@ class Graph:
         node, inner = _nodes(joints, turn)
         slides = np.array([joint.kind == "slide" for joint in joints])
         span = np.where(slides, np.max(np.abs(ends), axis=1), 0.0)
-        reach = _reach(problem, np.linalg.norm(xyz, axis=1) + span, covered, reached)
+        reach = _reach(problem, np.linalg.norm(xyz, axis=1) + span, covered, near)
         ends = _within_reach(ends, slides, reach[parent] + reach[1:] + np.linalg.norm(xyz, axis=1))
         return Graph(
             tuple(joint.kind for joint in joints),
@@ -205,7 +206,7 @@ def _nodes(joints: tuple[Joint, ...], turn: Array) -> tuple[NDArray[np.int64], A
     return node, inner
 
 
-def _reach(problem: MechanismProblem, steps: Array, covered: Array, reached: bool) -> Array:
+def _reach(problem: MechanismProblem, steps: Array, covered: Array, near: float | None) -> Array:
     """The shortest way from the world to every link, over joints, ties and goals.
 
     Two points that a joint or a tie keeps together are no farther from the world's origin than the ways to them say,
@@ -220,11 +221,11 @@ def _reach(problem: MechanismProblem, steps: Array, covered: Array, reached: boo
     for closure in mechanism.closures:
         spans = [float(np.linalg.norm(frame.position)) for frame in closure.frames]
         ways.append((*closure.links, math.fsum(spans) + MISSED * float(covered[2])))
-    for goal in problem.goals if reached else ():
+    for goal in problem.goals:
         if goal.position is not None:
             frame = mechanism.frame(goal.frame)
             span = float(np.linalg.norm(goal.position) + np.linalg.norm(frame.T_link_frame.position))
-            ways.append((WORLD, frame.link, span + float(covered[0])))
+            ways.append((WORLD, frame.link, span + (float(covered[0]) if near is None else near)))
     if (bounds := steps_of(problem)) is not None:
         # a floating body is no farther than from where it is at the reference, by the largest step
         ways += [
@@ -268,12 +269,12 @@ def _length(problem: MechanismProblem, xyz: Array, ends: Array, reach: Array, co
     return math.fsum(float(length) for length in lengths if np.isfinite(length))
 
 
-def unsuited(problem: MechanismProblem, covered: Array, *, reached: bool = True) -> str | None:
+def unsuited(problem: MechanismProblem, covered: Array, *, near: float | None = None) -> str | None:
     """Why the checker's rounding isn't accounted for, or None."""
     refusal = _too_many(problem) or _not_units(problem)
     if refusal is not None:
         return refusal
-    graph = Graph.of(problem, covered, reached=reached)
+    graph = Graph.of(problem, covered, near=near)
     if not bool(np.all(np.abs(graph.middle) <= WIDEST_ANGLE)):
         return f"limits of a joint are more than {WIDEST_ANGLE:g} rad from zero"
     if not graph.length <= LONGEST:

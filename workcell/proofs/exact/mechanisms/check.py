@@ -13,7 +13,7 @@ from workcell.proofs.exact.mechanisms.multipliers import read_multipliers
 from workcell.proofs.exact.mechanisms.question import Question, read_question
 from workcell.proofs.exact.mechanisms.sums import Sum
 from workcell.proofs.exact.reading import RefusedError
-from workcell.proofs.exact.spans import ONE, Span, span, square, total
+from workcell.proofs.exact.spans import ONE, Span, root, span, square, total
 from workcell.proofs.exact.vectors import frobenius
 
 KIND, COST = "mechanism/1", "mechanism_cost/1"
@@ -32,7 +32,9 @@ def check(question: Any, certificate: Any) -> str:
     reached = said.kind == KIND
     m = read_multipliers(asked, said)
     covered = tuple(span(value) for value in m.tolerances)
-    derived = derive(asked, covered, reached=reached)
+    if not said.margin > 0:
+        raise RefusedError(f"a margin of {said.margin:g} says nothing")
+    derived = derive(asked, covered, covered[0] if reached else root(span(said.margin)))
     sums = Sum(asked, derived, m, covered, reached=reached)
     hanging = Hanging(asked, derived, m.hangs, covered[2], reached=reached)
     value = upper_bound(asked, derived, m, sums, hanging, covered[1])
@@ -49,7 +51,7 @@ def check(question: Any, certificate: Any) -> str:
 
 
 def _compare_bound(question: Question, said: Certificate, covered: tuple[float, ...], bound: Span) -> str:
-    if not 0 < Fraction(said.margin) * ONE <= bound.low:
+    if not Fraction(said.margin) * ONE <= bound.low:
         raise RefusedError(f"it says {said.margin:g}, and proves {float(Fraction(bound.low, ONE)):g}")
     statement = nothing_is_closer(question, covered, said.margin)
     if said.scope != "kinematics" or said.statement != statement:

@@ -66,13 +66,13 @@ class Derived:
     room: tuple[Vector | None, ...]
 
 
-def derive(question: Question, covered: tuple[Span, ...], *, reached: bool) -> Derived:
+def derive(question: Question, covered: tuple[Span, ...], near: Span) -> Derived:
     """All of it.
 
     Args:
         question: the question.
         covered: T, A, C, G.
-        reached: whether frames are at their goals: of `mechanism/1`.
+        near: how far the places of frames are from their goals at most.
 
     Raises:
         RefusedError: it is larger than rounding is proved for.
@@ -92,7 +92,7 @@ def derive(question: Question, covered: tuple[Span, ...], *, reached: bool) -> D
         rest.append(multiply(joint.rotation, about(own, c, s)))
     node, inner = _nodes(joints)
     room = [_room(question, k) for k in range(len(joints))]
-    reach = _reach(question, ends, covered, room, reached)
+    reach = _reach(question, ends, covered, room, near)
     ends = [_bounded(question, k, ends[k], reach) for k in range(len(joints))]
     if not total(_lengths(question, ends, reach, covered)).high <= span(LONGEST).high:
         raise RefusedError(f"everything is more than {LONGEST} m together")
@@ -174,7 +174,7 @@ def _room(question: Question, k: int) -> Vector | None:
 
 
 def _reach(
-    question: Question, ends: list[Ends], covered: tuple[Span, ...], room: list[Vector | None], reached: bool
+    question: Question, ends: list[Ends], covered: tuple[Span, ...], room: list[Vector | None], near: Span
 ) -> list[Span | None]:
     ways: list[tuple[int, int, Span]] = []
     for k, joint in enumerate(question.joints):
@@ -191,9 +191,9 @@ def _reach(
     for tie in question.ties:
         one, two = tie.ends
         ways.append((one.link, two.link, length(one.place) + length(two.place) + MISSED * covered[2]))
-    for goal in question.goals if reached else ():
+    for goal in question.goals:
         if goal.position is not None:
-            ways.append((0, goal.frame.link, length(goal.position) + length(goal.frame.place) + covered[0]))
+            ways.append((0, goal.frame.link, length(goal.position) + length(goal.frame.place) + near))
     found: list[Span | None] = [ZERO] + [None] * len(question.joints)
     for _ in found:
         for a, b, step in ways:

@@ -185,12 +185,14 @@ def test_what_no_chain_can_be_about_is_refused():
     mechanism, q, rng = loop(1)
     goal = goal_missed(mechanism, q, rng, "pose", "end")
     way = Way((0, 1, 2, 6), 0)
+    longer = tuple(replace(joint, axis=1.001 * joint.axis) for joint in mechanism.joints)
     sheared = replace(goal, rotation=np.array(goal.rotation) + 1e-6)
     for changed in (
         {"goals": (sheared,)},
         {"goals": (FrameGoal.turned("end", [1.0, 0.0, 0.0, 0.0]),)},
         {"goals": (replace(goal, rotation=None, axis=np.array([0.0, 0.0, 1.1]), direction=np.eye(3)[2]),)},
         {"tolerances": MechanismTolerances(closure=0.2)},
+        {"mechanism": replace(mechanism, joints=longer)},
     ):
         with pytest.raises(NoChainError):
             chain_query(replace(MechanismProblem(mechanism, (goal,)), **changed), way)

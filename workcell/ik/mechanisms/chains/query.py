@@ -155,6 +155,8 @@ def _through_joint(problem: MechanismProblem, chain: _Chain, k: int, forward: bo
     if joint.kind == "ball":
         chain.ball()
     else:
+        if not abs(float(np.linalg.norm(joint.axis)) - 1.0) <= 1e-12:
+            raise NoChainError(f"the axis of joint {joint.name!r} is no unit vector")
         sign, slide = (1.0 if forward else -1.0), joint.kind == "slide"
         lower, upper = _limits(problem, joint, k)
         chain.joint(sign * joint.axis, slide, lower, upper, k)

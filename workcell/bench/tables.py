@@ -12,6 +12,7 @@ _PROVIDERS = (
     "workcell.bench.ik.sets",
     "workcell.bench.ik.ikspark",
     "workcell.bench.ik.entangled",
+    "workcell.bench.ik.restarts",
     "workcell.bench.ik.ikspark_tables.table6",
     "workcell.bench.ik.ikspark_tables.table7",
     "workcell.bench.ik.mechanisms.table2",

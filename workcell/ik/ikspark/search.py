@@ -11,7 +11,8 @@ from workcell import clock
 from workcell.geometry.types import FreeSpace
 from workcell.ik.certificate import Certificate
 from workcell.ik.ikspark.lift import Lift, goal_vector
-from workcell.ik.ikspark.rank import ConvexSet, Iterate, ascend
+from workcell.ik.ikspark.rank import ConvexSet, Iterate, ascend, linearise
+from workcell.ik.ikspark.restart import LineRestarts
 from workcell.ik.judge.verify import Verifier
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import NEAR_MISSES, Candidate
@@ -52,6 +53,7 @@ class Search:
         local: whether to descend locally from every iterate besides.
         most: work at most, in cone programs.
         rng: of all directions that are drawn.
+        lines: where restarts begin on lines through the last point (Algorithm 2); None: at ends of random directions.
         stats, rejected, error, stages: for the report.
     """
 
@@ -61,11 +63,23 @@ class Search:
         self.rng = np.random.default_rng(seed)
         self._verifier: Verifier | None = None
         self.rejected: list[str] = []
-        counts = ("sdps", "restarts", "growths", "rank_one", "rank_gap", "moved", "in_given", "own_rows")
+        counts = (
+            "sdps",
+            "restarts",
+            "growths",
+            "rank_one",
+            "rank_gap",
+            "moved",
+            "in_given",
+            "own_rows",
+            "lines",
+        )
         self.stats = dict.fromkeys(counts, 0.0)
         self.error: str | None = None
         self._goal, self._interval = goal_vector(problem.T_base_tool), Interval.of(problem)
         self._fresh = True
+        self._latest: Array | None = None
+        self.lines: LineRestarts | None = None
         self.stages = StageLog()
 
     @property
@@ -99,10 +113,18 @@ class Search:
         )
 
     def direction(self, lift: Lift) -> Array:
-        """Where the next restart ascends: the reference's own lift first, then random directions."""
+        """Where the next restart ascends: the reference's own lift first, then random directions, or along a line."""
         first, self._fresh = self._fresh, False
         if first and self.problem.q_ahead is not None:
             return lift.lift(self.problem.q_ahead)
+        beyond = None
+        if self.lines is not None and self._latest is not None:
+            before = self.lines.programs
+            beyond = self.lines.beyond(self._latest)
+            self.stats["sdps"] += self.lines.programs - before
+        if beyond is not None:
+            self.stats["lines"] += 1
+            return linearise(lift, beyond)[1]
         return self.rng.standard_normal(lift.size)
 
     def attempt(self, convex: ConvexSet, direction: Array, where: str = "") -> Reached:
@@ -118,6 +140,7 @@ class Search:
             if iterate.x is None:
                 return Reached(None, iterate.ray)
             last = iterate
+            self._latest = iterate.x
             if self.local and not iterate.rank_one:
                 start = self._angles(convex.lift, iterate.x)
                 descended = polish(self.problem, start, steps=LOCAL_STEPS, damping=LOCAL_DAMPING)

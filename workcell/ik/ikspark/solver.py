@@ -16,8 +16,9 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from math import inf
-from typing import Protocol
+from typing import Literal, Protocol, get_args
 
+from workcell.errors import InputError
 from workcell.ik.ikspark.by_mechanism import needs_mechanism, solve_by_mechanism
 from workcell.ik.ikspark.instance import instance_of
 from workcell.ik.ikspark.obstacles.alone import Alone
@@ -26,12 +27,15 @@ from workcell.ik.ikspark.obstacles.door import check_free_space
 from workcell.ik.ikspark.obstacles.half_spaces import Avoidance, has_spheres_and_obstacles
 from workcell.ik.ikspark.obstacles.own import OwnSpheres
 from workcell.ik.ikspark.proving import Proving
+from workcell.ik.ikspark.restart import LineRestarts
 from workcell.ik.ikspark.search import Reached, Search
 from workcell.ik.problem import Budget, IKProblem
 from workcell.ik.result import Candidate
 from workcell.ik.shared.convex import MOST_FAILURES
 from workcell.pose import Array
 
+Restart = Literal["objective", "line"]
+"""Where an ascent begins after one that led nowhere."""
 CUTS = "ikspark+cuts"
 """The name of the fallback."""
 CUBOIDS_FIRST = 100
@@ -47,6 +51,7 @@ def solve_ikspark(
     cuboids: bool = True,
     fallback: bool = True,
     apart: bool = True,
+    restart: Restart = "objective",
 ) -> Candidate:
     """Look for a configuration, or for a proof that there is none, until the budget is spent.
 
@@ -62,14 +67,20 @@ def solve_ikspark(
             An answer found so is by `ikspark+cuts`.
         apart: tell spheres of the robot that overlap each other a side each; False: a configuration in which it hits
             itself is only refused.
+        restart: where ascents after the first begin: at the ends of random directions (`objective`), or on lines from
+            where the last one got stuck through the set (`line`, Algorithm 2).
 
     Raises:
-        InputError: bounds without their reference, or free space made for another scene or cover; with `local` a
-            prismatic joint, or one that follows another.
+        InputError: an unknown kind of restart, bounds without their reference, or free space made for another scene or
+            cover; with `local` a prismatic joint, or one that follows another.
     """
     if needs_mechanism(problem) and not local:
         return solve_by_mechanism(problem, budget, seed, cuboids=cuboids)
     check_free_space(problem)
+    if restart not in get_args(Restart):
+        raise InputError(
+            f"unknown restart {restart!r}", where="restart", remedy=" or ".join(get_args(Restart))
+        )
     search = Search(problem, budget, seed, local=local)
     if search.over():
         return search.no_answer()
@@ -84,6 +95,8 @@ def solve_ikspark(
             if proof is not None:
                 return search.no_answer(proof)
         search.stages.add("set-up")
+        if restart == "line":
+            search.lines = LineRestarts(instance, search.rng)
         own = OwnSpheres(search, instance, asked=apart)
         if not has_spheres_and_obstacles(problem):
             return _restarted(search, proving, Alone(search, instance, own, stack)) or search.no_answer()

@@ -27,6 +27,7 @@ from workcell.ik.ikspark.mechanisms.program import Multipliers, Program
 from workcell.ik.ikspark.mechanisms.rank import Step, ascend
 from workcell.ik.ikspark.mechanisms.reading import off_rotations, read
 from workcell.ik.ikspark.mechanisms.relaxation import Relaxation
+from workcell.ik.ikspark.mechanisms.restart import Restart, Restarts
 from workcell.ik.ikspark.mechanisms.rows import Rows
 from workcell.ik.ikspark.rank import RANK_GAP
 from workcell.ik.mechanisms.judge import judge_mechanism
@@ -67,6 +68,7 @@ def solve_mechanism_ikspark(
     *,
     form: FormName = "quaternion",
     judge: Judge | None = None,
+    restart: Restart = "configuration",
 ) -> MechanismCandidate:
     """Look for a configuration, or for a proof that there is none, until the budget is spent.
 
@@ -76,16 +78,23 @@ def solve_mechanism_ikspark(
         seed: of the random directions.
         form: of the lift.
         judge: who accepts configurations; None: `judge_mechanism`.
+        restart: where ascents begin again that have stalled, see `restart`.
 
     Raises:
         InputError: a user's constraint that is not convex; ModelError: ties that contradict each other.
     """
-    return _Search(problem, budget, seed, form, judge).run()
+    return _Search(problem, budget, seed, form, judge, restart).run()
 
 
 class _Search:
     def __init__(
-        self, problem: MechanismProblem, budget: Budget, seed: int, form: FormName, judge: Judge | None = None
+        self,
+        problem: MechanismProblem,
+        budget: Budget,
+        seed: int,
+        form: FormName,
+        judge: Judge | None = None,
+        restart: Restart = "configuration",
     ) -> None:
         self.problem = problem
         self._deadline = clock.cpu_seconds() + budget.cpu_s
@@ -95,6 +104,8 @@ class _Search:
         self.lift, self.blocks = self.relaxation.lift, self.relaxation.lift.blocks
         self.parts = Parts.of(self.relaxation, user_rows(problem, self.lift))
         self._directions = Directions(self.lift, self.parts, np.random.default_rng(seed), loose(problem))
+        self._restarts = Restarts(restart, np.random.default_rng([seed, 1]))
+        self._stalled: dict[bytes, Array] = {}
         spheres = problem.cover is not None and len(problem.cover) > 0
         self._avoid = Avoidance(problem, self.lift) if spheres else None
         self._judge = judge or _judge_of(problem)
@@ -145,6 +156,7 @@ class _Search:
                 if step.x is None:
                     self._directions.draw()
                     return None
+                self._stalled[part.columns.tobytes()] = step.x
                 if step.rank_one:
                     x[part.columns], gap = step.x, max(gap, step.gap)
                     left.remove(part)
@@ -163,7 +175,10 @@ class _Search:
     def _direction(self, part: Part) -> Array:
         if self.stats["restarts"] <= len(self.parts.parts) and self.problem.q_ahead is not None:
             return self._directions.nearest(part, self.lift.lift(self.problem.q_ahead))
-        return self._directions.of(part)
+        stalled = self._stalled.get(part.columns.tobytes())
+        bounded = self._directions.towards(part, np.ones(self.lift.size))
+        found = self._restarts.direction(part.blocks, part.program, stalled, bounded)
+        return self._directions.of(part) if found is None else found
 
     def _climb(self, blocks: Blocks, program: Program, direction: Array) -> Step:
         last, note = Step(None), f"restart {self.stats['restarts']:.0f}"

@@ -18,6 +18,8 @@ _PROVIDERS = (
     "workcell.bench.ik.mechanisms.table2",
     "workcell.bench.ik.mechanisms.table3",
     "workcell.bench.ik.mechanisms.table5",
+    "workcell.bench.ik.mechanisms.hand",
+    "workcell.bench.ik.mechanisms.loops",
     "workcell.bench.ik.cidgik",
     "workcell.bench.ik.cidgik_scaling",
     "workcell.bench.ik.cidgik_supplement",

@@ -13,6 +13,8 @@ from tests.ik.lifted_arms import arm as vertical
 from tests.ik.lifted_arms import seven_axis
 from tests.ik.test_coupled import among_spheres, arm
 from workcell.errors import InputError
+from workcell.geometry.free_space.pool import NOTHING
+from workcell.geometry.types import Piece
 from workcell.ik.certificate import Certificate
 from workcell.ik.check import check_certificate
 from workcell.ik.ikspark.solver import solve_ikspark
@@ -160,23 +162,48 @@ def test_answers_among_obstacles_are_in_regions_of_free_space(tmp_path):
     assert in_regions >= 3
 
 
-def test_cuts_keep_a_lifted_arm_off_what_stands_in_its_way():
-    robot = lift_and_arm()
-    rng = np.random.default_rng(2)
+def among_boxes(robot: Robot, seed: int, count: int = 6) -> IKProblem:
+    """A planted pose of a robot among boxes that its configuration keeps clear of."""
+    rng, cover = np.random.default_rng(seed), beads(robot, 0.05)
     q = robot.random_configuration(rng)
-    cover = beads(robot, 0.04)
-    centres = cover.centres_world(robot.link_transforms(q))
-    places = [c + d for c, d in zip(centres[2::3], 0.2 * rng.normal(size=(len(centres), 3)), strict=False)]
-    pieces = [
-        box("block", tuple(place), (0.03, 0.03, 0.03))
-        for place in places
-        if np.linalg.norm(centres - place, axis=1).min() > 0.12
-    ]
-    assert pieces
+    own = cover.centres_world(robot.link_transforms(q))
+    pieces: list[Piece] = []
+    while len(pieces) < count:
+        centre = own[rng.integers(len(own))] + 0.25 * rng.normal(size=3)
+        if np.linalg.norm(own - centre, axis=1).min() > 0.05 + 0.08 * np.sqrt(3.0) + 0.01:
+            pieces.append(box(f"box {len(pieces)}", tuple(centre), (0.08, 0.08, 0.08)))
     problem = IKProblem(robot, robot.fk(q), tuple(pieces), cover)
     assert verify(problem, q).accepted
-    result = solve(problem, "ikspark+cuts", Budget(20.0))
-    assert result.solved and verify(problem, result.q).accepted
+    return problem
+
+
+def test_an_arm_on_a_lift_finds_its_way_among_boxes_in_regions_or_by_planes():
+    for seed in range(5):
+        problem = among_boxes(lift_and_arm(), seed)
+        result = solve(problem, "ikspark", Budget(20.0))
+        assert result.solved and result.solver == "ikspark" and result.cuboids is not None
+        # who gives no free space gets planes
+        without = replace(problem, grow=lambda points, radii=None: NOTHING)
+        for result in (solve(problem, "ikspark+cuts", Budget(20.0)), solve(without, "ikspark", Budget(20.0))):
+            assert result.solved and result.cuboids is None
+
+
+def test_regions_that_are_none_leave_the_rest_of_the_work_to_planes(tmp_path):
+    robot = arm(tmp_path, coupled_arm(40, joints=7, followers=1, bent=True)[0])
+    _, problem = among_spheres(robot, np.random.default_rng(0))
+    without = replace(problem, grow=lambda points, radii=None: NOTHING)
+    found = solve_ikspark(without, Budget(30.0))
+    assert found.by == "ikspark+cuts" and found.cuboids is None
+    assert verify(problem, found.q).accepted
+
+
+def test_a_relaxation_that_is_empty_by_too_little_is_no_failure_of_the_solver(tmp_path):
+    """Off the curve of two joints that turn alike, on its convex hull's outside, by less than tolerances need."""
+    robot = arm(tmp_path, planar())
+    at = robot.fk([0.5])
+    away = Pose(at.position * 1.0003, at.quat_wxyz)
+    result = solve(IKProblem(robot, away, goal="position"), "ikspark", Budget(5.0, effort=0.2))
+    assert result.status in (Status.NOT_FOUND, Status.UNREACHABLE)
 
 
 def forged(certificate: Certificate) -> dict[str, Certificate]:

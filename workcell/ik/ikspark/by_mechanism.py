@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
+from workcell import clock
 from workcell.geometry.types import FreeSpace
 from workcell.ik.ikspark.mechanisms.solver import solve_mechanism_ikspark
 from workcell.ik.ikspark.obstacles.door import check_free_space
@@ -26,6 +28,9 @@ from workcell.model.mechanism.mechanism import WORLD
 from workcell.model.mechanism.of_robot import variables_of
 from workcell.pose import Array
 
+REGIONS_FIRST = 0.5
+"""Work among regions of free space (or half of what the budget is worth) before the turn of planes, in seconds."""
+
 
 def needs_mechanism(problem: IKProblem) -> bool:
     """Whether the serial formulation does not take a problem."""
@@ -34,7 +39,13 @@ def needs_mechanism(problem: IKProblem) -> bool:
 
 
 def solve_by_mechanism(
-    problem: IKProblem, budget: Budget, seed: int = 0, *, cuboids: bool = True
+    problem: IKProblem,
+    budget: Budget,
+    seed: int = 0,
+    *,
+    cuboids: bool = True,
+    fallback: bool = True,
+    apart: bool = True,
 ) -> Candidate:
     """Look for a configuration, or for a proof that there is none, until the budget is spent.
 
@@ -42,27 +53,49 @@ def solve_by_mechanism(
         problem: any serial robot; any goal.
         budget: CPU seconds, and work in cone programs.
         seed: of the directions.
-        cuboids: put spheres that touch obstacles into regions of free space, where there are some.
+        cuboids, fallback, apart: as of `solve_ikspark`.
 
     Raises:
-        InputError: bounds without their reference, or free space made for another scene or cover.
+        InputError: free space made for another scene or cover.
     """
     check_free_space(problem)
     if Interval.of(problem).empty:
         return Candidate(rejected=("q_reference lies farther outside the joint limits than max_step",))
-    robot, verifier = problem.robot, Verifier(problem)
-    question, room = mechanism_problem(problem), _room(problem) if cuboids else None
-    question = replace(
-        question,
-        free_space=None if room is None else room.free_space,
-        grow=None if room is None else partial(_grown, room),
-    )
+    question, robot, verifier = mechanism_problem(problem), problem.robot, Verifier(problem)
+    if not apart:
+        question = replace(question, apart=None)
 
     def judge(q: Array) -> tuple[str, ...]:
         return verifier(variables_of(robot, q)).reasons
 
-    found = solve_mechanism_ikspark(question, budget, seed, judge=judge)
-    return _answer(problem, found, room)
+    by_planes = replace(question, free_space=None, grow=None)
+    room = _room(problem) if cuboids else None
+    if room is None:
+        return _answer(problem, solve_mechanism_ikspark(by_planes, budget, seed, judge=judge))
+    began = clock.cpu_seconds()
+    among = replace(question, free_space=room.free_space, grow=partial(_grown, room))
+    first, rest = _shares(budget) if fallback else (budget, budget)
+    found = solve_mechanism_ikspark(among, first, seed, judge=judge)
+    if not fallback or found.q is not None or found.certificate is not None:
+        return _answer(problem, found, room)
+    left = max(budget.cpu_s - (clock.cpu_seconds() - began), 0.0)
+    after = solve_mechanism_ikspark(by_planes, replace(rest, cpu_s=left), seed + 1, judge=judge)
+    return _answer(problem, _together(found, after))
+
+
+def _shares(budget: Budget) -> tuple[Budget, Budget]:
+    """What is spent among regions of free space, and what on planes after that."""
+    effort = inf if budget.effort is None else budget.effort
+    first = min(REGIONS_FIRST, 0.5 * effort)
+    rest = None if budget.effort is None else effort - first
+    return replace(budget, effort=first), replace(budget, effort=rest)
+
+
+def _together(one: MechanismCandidate, two: MechanismCandidate) -> MechanismCandidate:
+    """The second of two turns, with what is to be said of both."""
+    stats = {name: value + one.stats.get(name, 0.0) for name, value in two.stats.items()}
+    rejected = tuple(dict.fromkeys((*one.rejected, *two.rejected)))
+    return replace(two, stats=stats, rejected=rejected, stages=(*one.stages, *two.stages))
 
 
 def _room(problem: IKProblem) -> Room | None:
@@ -77,7 +110,7 @@ def _grown(room: Room, points: Array, radii: Array | None = None) -> FreeSpace:
     return room.free_space
 
 
-def _answer(problem: IKProblem, found: MechanismCandidate, room: Room | None) -> Candidate:
+def _answer(problem: IKProblem, found: MechanismCandidate, room: Room | None = None) -> Candidate:
     q = None if found.q is None else variables_of(problem.robot, found.q)
     held = None if q is None or room is None or found.by else _regions_at(problem, room, q)
     return Candidate(

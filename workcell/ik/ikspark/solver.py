@@ -75,7 +75,7 @@ def solve_ikspark(
             cover; with `local` a prismatic joint, or one that follows another.
     """
     if needs_mechanism(problem) and not local:
-        return solve_by_mechanism(problem, budget, seed, cuboids=cuboids)
+        return solve_by_mechanism(problem, budget, seed, cuboids=cuboids, fallback=fallback, apart=apart)
     check_free_space(problem)
     if restart not in get_args(Restart):
         raise InputError(

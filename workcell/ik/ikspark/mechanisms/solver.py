@@ -109,6 +109,7 @@ class _Search:
         spheres = problem.cover is not None and len(problem.cover) > 0
         self._avoid = Avoidance(problem, self.lift) if spheres else None
         self._judge = judge or _judge_of(problem)
+        self._empty_by_too_little = False
         self._curve_rows: list[Rows] = []
         self._sphere_rows: list[Rows] = []
         counts = ("restarts", "rank_one", "rank_gap", "moved", "off_rotations", "cuts")
@@ -128,7 +129,10 @@ class _Search:
             if found is None:
                 failures += not self._over()
                 if failures == MOST_FAILURES:
-                    error = "Clarabel found neither a point of the relaxation nor a proof that it is empty"
+                    if not self._empty_by_too_little:
+                        error = (
+                            "Clarabel found neither a point of the relaxation nor a proof that it is empty"
+                        )
                     break
                 continue
             failures, q = 0, self._read(found)
@@ -170,6 +174,7 @@ class _Search:
             self._note("with the users' constraints the relaxation is empty")
             return self._nothing(None)
         proof = self._proof(multipliers)
+        self._empty_by_too_little = proof is None
         return None if proof is None else self._nothing(proof)
 
     def _direction(self, part: Part) -> Array:

@@ -125,7 +125,7 @@ def test_refusals() -> None:
     robot = seven_axis()
     sliding = replace(robot, prismatic=np.arange(7) == 2)
     with pytest.raises(InputError, match="'j2' is prismatic"):
-        solve_ikspark(IKProblem(sliding, Pose.from_xyz([0.3, 0, 0.5])), BUDGET, 0)
+        solve_ikspark(IKProblem(sliding, Pose.from_xyz([0.3, 0, 0.5])), BUDGET, 0, local=True)
     with pytest.raises(InputError, match="q_reference"):
         solve_ikspark(IKProblem(robot, robot.fk(np.zeros(7)), max_link_rotation=0.2), BUDGET, 0)
 

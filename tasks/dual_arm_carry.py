@@ -36,9 +36,9 @@ def plan_carry(job: Job, scene: Scene):
     grasps = {name: begin.inverse() @ robot.robot.fk(robot.start) for name, robot in robots.items()}
     carrying = Team.of(scene, crate, grasps, seed=job.seed)
     stretches = (
-        (carrying.touching(task["stands_on"]), line(begin, up, SPACING), "lifting the crate"),
-        (carrying, polyline([up, high, hover], SPACING), "carrying the crate over the wall"),
-        (carrying.touching(task["target_geom"]), line(hover, put, SPACING), "putting the crate down"),
+        (carrying.touching(task["stands_on"]), line(begin, up, SPACING), f"lifting the {crate}"),
+        (carrying, polyline([up, high, hover], SPACING), f"carrying the {crate} over the wall"),
+        (carrying.touching(task["target_geom"]), line(hover, put, SPACING), f"putting the {crate} down"),
     )
     return job.transport(scene, stretches, LIMITS, task["max_tool_speed"], task["strain_m"])
 
@@ -60,10 +60,10 @@ def run(job: Job) -> None:
             simulation.move_gripper(task["opening"], name)
             simulation.execute(reaching[name], f"{name}: reaching for the handle")
             simulation.grasp(crate, name)
-        simulation.execute(lift, "lifting the crate")
-        simulation.execute(carry, "carrying the crate over the wall")
+        simulation.execute(lift, f"lifting the {crate}")
+        simulation.execute(carry, f"carrying the {crate} over the wall")
         simulation.expect_contact(crate, task["target_body"])
-        simulation.execute(put_down, "putting the crate down")
+        simulation.execute(put_down, f"putting the {crate} down")
         for name in arms:
             simulation.release(name, opening=task["opening"])
         for name in arms:
@@ -73,7 +73,7 @@ def run(job: Job) -> None:
         force = float(simulation.result().internal_force.max(initial=0.0))
         job.summary |= {"max_internal_force_n": force, "placed_error_m": off, "placed_error_rad": turned}
         conditions = {
-            "the crate stands on the platform": simulation.stands_on(crate, task["target_body"]),
+            f"the {crate} stands on the platform": simulation.stands_on(crate, task["target_body"]),
             "it stands where it should": off <= task["placed_m"],
             "the hands worked together": force <= task["internal_force_n"],
         }

@@ -138,18 +138,20 @@ class MechanismSimulation(Runner):
     def press(self, forces: Mapping[str, Array], seconds: float) -> bool:
         """Press with frames on what they touch: forces (3,) in the world, newtons, grown from what they are now.
 
-        They stay until `press` changes them.
+        They stay until `press` changes them, and turn with their frames.
 
         Raises:
             UnknownNameError: no such frame; InputError: a negative duration.
         """
         steps, before = self._steps(checked_seconds(seconds)), dict(self._pressing)
-        for frame in forces:
-            self.moving.mechanism.frame(frame)
+        own = {
+            frame: self.frame_pose(frame).rotation.T @ np.asarray(force, dtype=float)
+            for frame, force in forces.items()
+        }
         for k in range(1, steps + 1):
-            for frame, force in forces.items():
+            for frame, force in own.items():
                 begin = before.get(frame, np.zeros(3))
-                self._pressing[frame] = begin + k / steps * (np.asarray(force, dtype=float) - begin)
+                self._pressing[frame] = begin + k / steps * (force - begin)
             if not self._run([self._still()]):
                 return False
         return True
@@ -193,7 +195,8 @@ class MechanismSimulation(Runner):
         found = {}
         for name, force in self._pressing.items():
             body, _ = self._frames.on_body(name)
-            found[body] = (self.frame_pose(name).position, force)
+            pose = self.frame_pose(name)
+            found[body] = (pose.position, pose.rotation @ force)
         return found
 
     def _measure(self) -> None:

@@ -213,7 +213,7 @@ def restated(problem, document):
     )
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(6))
 def test_no_forger_proves_that_what_has_an_answer_has_none(seed):
     from workcell.ik.ikspark.mechanisms.claim import certify_empty
     from workcell.ik.ikspark.mechanisms.program import Program

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 
+import mujoco
 import numpy as np
 import pytest
 
 from workcell.cli import exit_codes, main
+from workcell.errors import ModelError
 from workcell.inspection.inspect import inspect_scene
+from workcell.inspection.mechanisms import mechanism_findings
 from workcell.inspection.meshes import enclosed_volume, hull_volume
 from workcell.model.collision_model import CollisionModel
+from workcell.model.mechanism.from_model import mechanism_of
 from workcell.model.scene import Scene, robot_scene
 
 SECOND = 'name="g1" type="capsule" fromto="0 0 0.06 0 0 0.16" size="0.03"'
@@ -282,3 +286,71 @@ def test_the_command_says_all_of_it_and_json_has_it_for_programs(tmp_path, capsy
 @pytest.mark.parametrize("name", ["sawyer", "ur10", "iiwa14"])
 def test_our_own_robots_have_nothing_wrong(name):
     assert not [f.text for f in inspect_scene(robot_scene(name)) if f.level == "wrong"]
+
+
+def platform(anchor="0 0 .3", more="", drive='<motor joint="lift"/>'):
+    """A floating plate on a driven post and a passive one that swings on a ball joint."""
+    return f"""<mujoco><compiler angle="radian"/><worldbody>
+      <body name="post"><joint name="lift" type="slide" axis="0 0 1" range="0 1"/><geom name="post" size=".02"/></body>
+      <body name="leg" pos=".4 0 0"><joint name="swing" type="ball"/><geom name="leg" size=".02"/></body>
+      <body name="plate" pos="0 0 .3"><freejoint name="plate"/><geom name="plate" size=".02"/></body></worldbody>
+      <equality><weld name="w" body1="post" body2="plate" relpose="0 0 .3 1 0 0 0"/>{more}</equality>
+      <actuator>{drive}</actuator></mujoco>"""
+
+
+def as_mechanism(text):
+    try:
+        found = mechanism_of(mujoco.MjModel.from_xml_string(text))
+    except ModelError as error:
+        return list(mechanism_findings(error, serial=False))
+    return list(mechanism_findings(found, serial=False))
+
+
+def test_mechanisms_say_who_drives_them_and_what_their_ties_leave():
+    findings = as_mechanism(platform())
+    assert not [f for f in findings if f.level != "fact"]
+    (summary, freedom) = lines(findings, "mechanism")
+    assert summary.data["kinds"] == {"hinge": 0, "slide": 1, "ball": 1, "free": 1}
+    assert (summary.data["driven"], summary.data["following"], summary.data["passive"]) == (1, 0, 2)
+    assert (freedom.data["dof"], freedom.data["left"], freedom.data["rank"]) == (10, 4, 6)
+    joints = {f.data["joint"]: f.data["kind"] for f in lines(findings, "joint")}
+    assert joints == {"swing": "ball", "plate": "floating"}
+    assert [f for f in lines(findings, "tie") if f.data.get("missed", 1.0) < 1e-9]
+
+
+def test_ties_that_say_nothing_new_or_are_open_at_the_start_are_told():
+    again = '<connect name="c" body1="post" body2="plate" anchor="0 .1 .3"/>'
+    (found,) = lines(as_mechanism(platform(more=again)), "tie", "beware")
+    assert "say nothing that other ties don't say already: connect 'c'" in found.text
+    opened = platform().replace("0 0 .3 1 0 0 0", "0 0 .2 1 0 0 0")
+    (found,) = lines(as_mechanism(opened), "tie", "beware")
+    assert found.data["missed"] == pytest.approx(0.1) and "keeps all ties was found" in found.text
+
+
+def test_loops_that_no_configuration_closes_are_wrong_with_their_name():
+    far = '<weld name="far" body1="leg" body2="world" relpose="0 0 5 1 0 0 0"/>'
+    (found,) = lines(as_mechanism(platform(more=far)), "tie", "wrong")
+    assert "could not be closed" in found.text and "weld 'far'" in found.text
+
+
+def test_contradictory_locks_and_ties_that_can_t_be_looked_at_are_wrong():
+    locks = '<joint joint1="lift" polycoef="0.1 0 0 0 0"/><joint joint1="lift" polycoef="0.2 0 0 0 0"/>'
+    (found,) = [f for f in as_mechanism(platform(more=locks)) if f.level == "wrong"]
+    assert "lift" in found.text
+
+
+def test_a_hand_s_sites_are_told_in_one_line_and_its_joints_together():
+    findings = inspect_scene(robot_scene("shadow_hand"))
+    (found,) = [f for f in lines(findings, "tool") if "could_be" in f.data]
+    assert len(found.data["could_be"]) == 15 and "--goals" in found.text
+    (summary,) = lines(findings, "mechanism")
+    assert summary.data["driven"] == 24
+
+
+@pytest.mark.parametrize("name", ["stewart", "stewart_dietmaier", "linkage_gripper"])
+def test_our_own_mechanisms_have_nothing_wrong(capsys, name):
+    with pytest.raises(SystemExit) as stop:
+        main(["check", name, "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert stop.value.code == exit_codes.DONE and not found["problems"]
+    assert any("hold at the start" in line for line in found["contents"])

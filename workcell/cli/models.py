@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from workcell.cli import exit_codes
 from workcell.cli.output import busy, check_outputs, print_json, print_table, progress_bar, tell
-from workcell.errors import InputError, UnknownNameError
+from workcell.errors import InputError, ModelError, UnknownNameError
 
 if TYPE_CHECKING:
+    import mujoco
+
     from workcell.model.robot import Robot
     from workcell.model.scene import Scene
 
@@ -120,10 +122,30 @@ def _check_robot(name: str) -> dict[str, Any]:
     path = find_asset("robots", name)
     model = compile_spec(load_spec(path), path)
     if is_gripper(model):
-        sites = ", ".join(model.site(site).name for site in range(model.nsite))
-        return {"file": name, "kind": "gripper", "contents": [f"tools {sites}"], "problems": []}
+        return _check_gripper(name, model, path)
     scene = robot_scene(name)
     return _found(scene, name, "robot", _robot_lines(scene.robot().robot), [])
+
+
+def _check_gripper(name: str, model: mujoco.MjModel, path: Path) -> dict[str, Any]:
+    """A hand without an arm: its sites, and the mechanism that it is."""
+    from workcell.inspection.findings import texts
+    from workcell.inspection.mechanisms import mechanism_findings
+    from workcell.model.mechanism.from_model import mechanism_of
+
+    try:
+        found = tuple(mechanism_findings(mechanism_of(model, where=path), serial=False))
+    except ModelError as error:
+        found = tuple(mechanism_findings(error, serial=False))
+    sites = ", ".join(model.site(site).name for site in range(model.nsite))
+    return {
+        "file": name,
+        "kind": "gripper",
+        "contents": [f"tools {sites}", *texts(found, "fact")],
+        "beware": texts(found, "beware"),
+        "problems": texts(found, "wrong"),
+        "findings": [finding.to_json() for finding in found],
+    }
 
 
 def _found(scene: Scene, file: str, kind: str, lines: list[str], problems: list[str]) -> dict[str, Any]:
@@ -163,7 +185,7 @@ def _check_scene(name: str) -> dict[str, Any]:
     if scene.path.suffix != ".toml" and len(scene.robots) == 1 and not scene.obstacles:
         lines = _robot_lines(replace(scene.robot().robot, name=scene.name))
         return _found(scene, name, "robot", lines, _scene_problems(scene))
-    lines = [f"obstacles: {', '.join(scene.obstacles) or 'none'}"]
+    lines = [f"obstacles: {', '.join(_standing(scene)) or 'none'}"]
     lines += [
         f"object {thing.name}: {'free' if thing.qpos_address is not None else 'fixed'}"
         for thing in scene.objects.values()
@@ -180,9 +202,21 @@ def _check_scene(name: str) -> dict[str, Any]:
     return _found(scene, str(scene.path), "scene", lines, _scene_problems(scene))
 
 
+def _standing(scene: Scene) -> list[str]:
+    """Names of the obstacles; where there is no robot, what moves is none."""
+    from workcell.inspection.mechanisms import moved_bodies, scene_mechanism_of
+
+    mechanism = None if scene.robots else scene_mechanism_of(scene)
+    if mechanism is None or isinstance(mechanism, ModelError):
+        return list(scene.obstacles)
+    moving = {str(scene.model.body(body).name) for body in moved_bodies(mechanism)}
+    return [name for name in scene.obstacles if name not in moving]
+
+
 def _scene_problems(scene: Scene) -> list[str]:
     import mujoco
 
+    from workcell.model.loading.actuators import actuated_joints
     from workcell.model.loading.compiled import is_gripper
     from workcell.model.overlap import mechanism_overlap, start_overlap
 
@@ -192,7 +226,8 @@ def _scene_problems(scene: Scene) -> list[str]:
     joints = [
         model.joint(j).name or f"number {j}" for j in range(model.njnt) if int(model.jnt_type[j]) in moving
     ]
-    if joints and not scene.robots and scene.mechanism is None and not is_gripper(model):
+    idle = not actuated_joints(model) and not is_gripper(model)
+    if joints and idle and not scene.robots and scene.mechanism is None:
         problems.append(
             f"no joint is actuated, so that there is no robot: {', '.join(joints)}; "
             "add an <actuator> with a <motor joint=...> for every joint that workcell may move"

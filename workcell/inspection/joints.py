@@ -42,12 +42,7 @@ def joint_findings(scene: Scene) -> Iterator[Finding]:
         elif joint in follows:
             yield _follower(model, joint, follows[joint][0])
         elif actuator_of_joint(model, joint) is not None:
-            yield fact(
-                "joint",
-                f"{name}: has an actuator, but moves no tool of a robot here",
-                joint=name,
-                kind="other",
-            )
+            yield _driven(model, joint, bool(scene.robots))
         else:
             yield fact(
                 "joint", f"{name}: passive; it stays where the model has it, unless a loop or forces move it",
@@ -98,6 +93,17 @@ def _variables(model: mujoco.MjModel, robot: SceneRobot) -> Iterator[Finding]:
         joint = ids.get(name, -1)
         if name not in names and joint in follows:
             yield _follower(model, joint, follows[joint][0])
+
+
+def _driven(model: mujoco.MjModel, joint: int, beside_robots: bool) -> Finding:
+    """A driven joint that is on the way to no robot's tool: of a mechanism, another arm, a finger, a door."""
+    lower, upper = (float(value) for value in model.jnt_range[joint])
+    words = f"[{lower:.4f}, {upper:.4f}] {_unit(model, joint)}" if _has_range(model, joint) else "no limits"
+    also = ", on the way to no tool of a robot here" if beside_robots else ""
+    return fact(
+        "joint", f"{_name(model, joint)}: {words}; driven{also}", joint=_name(model, joint),
+        kind="other" if beside_robots else "driven",
+    )  # fmt: skip
 
 
 def _follower(model: mujoco.MjModel, joint: int, found: tuple[int, np.polynomial.Polynomial]) -> Finding:

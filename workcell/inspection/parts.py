@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
     from workcell.model.scene import Scene
     from workcell.model.scene_parts import SceneRobot
+
+MOST_ARMS = 3
+"""Other arms of one file that are told one by one."""
 
 
 def tool_findings(scene: Scene) -> Iterator[Finding]:
@@ -33,27 +36,38 @@ def tool_findings(scene: Scene) -> Iterator[Finding]:
 
 
 def _elsewhere(model: mujoco.MjModel, robot: SceneRobot) -> Iterator[Finding]:
-    """Sites of a robot's bodies to which other driven joints lead: tools of another arm in the same file."""
+    """Sites of a robot's bodies to which other driven joints lead: tools of another arm, or of a hand's fingers."""
     own = robot.own_ids
     chain = set(robot.joint_qpos_addresses.tolist())
+    arms: dict[tuple[str, ...], list[str]] = {}
     for site in range(model.nsite):
         body, name = int(model.site_bodyid[site]), str(model.site(site).name).removeprefix(robot.prefix)
         if body not in own or not name or name in robot.site_ids:
             continue
         joints = [j for b in path_to(model, body, own) for j in joints_of(model, b)]
-        other = [
-            j
-            for j in joints
-            if int(model.jnt_qposadr[j]) not in chain and actuator_of_joint(model, j) is not None
-        ]
-        if not other:
-            continue
-        moving = ", ".join(str(model.joint(j).name).removeprefix(robot.prefix) for j in joints)
+        if any(
+            int(model.jnt_qposadr[j]) not in chain and actuator_of_joint(model, j) is not None for j in joints
+        ):
+            names = tuple(str(model.joint(j).name).removeprefix(robot.prefix) for j in joints)
+            arms.setdefault(names, []).append(name)
+    together = "All of them can be asked for at once: workcell ik --goals"
+    if len(arms) > MOST_ARMS:
+        sites = [name for names in arms.values() for name in names]
         yield fact(
             "tool",
-            f"{name} could be the tool instead: an arm of {len(joints)} joints ({moving}). Choose it with "
-            f'tool = "{name}" beside the robot in a task file, or load_robot(file, tool="{name}")',
-            robot=robot.name, could_be=name, joints=moving.split(", "),
+            f"{len(sites)} more sites hang on other driven joints: {', '.join(sites)}. {together}; each could be the "
+            f'tool instead (tool = "{sites[0]}" beside the robot in a task file)',
+            robot=robot.name, could_be=sites,
+        )  # fmt: skip
+        return
+    for joints_named, (name, *others) in arms.items():
+        also = f" (and {', '.join(others)})" if others else ""
+        yield fact(
+            "tool",
+            f"{name}{also} could be the tool instead: an arm of {len(joints_named)} joints "
+            f'({", ".join(joints_named)}). Choose it with tool = "{name}" beside the robot in a task file, or '
+            f'load_robot(file, tool="{name}"). {together}',
+            robot=robot.name, could_be=name, also=others, joints=list(joints_named),
         )  # fmt: skip
 
 
@@ -87,10 +101,10 @@ def geometry_findings(scene: Scene) -> Iterator[Finding]:
             )  # fmt: skip
 
 
-def stray_findings(scene: Scene) -> Iterator[Finding]:
-    """Bodies that can move and belong to no robot and no object: they stand where the model has them."""
+def stray_findings(scene: Scene, moving: Collection[int] = ()) -> Iterator[Finding]:
+    """Bodies that can move and belong to no robot, no object and not to what is `moving` (ids): they stand."""
     model = scene.model
-    known = set[int]().union(
+    known = set[int](moving).union(
         *(r.body_ids for r in scene.robots.values()), *(o.body_ids for o in scene.objects.values())
     )
     known |= frozenset() if scene.mechanism is None else scene.mechanism.own_ids

@@ -48,7 +48,7 @@ def surface(model, geom, rng, count=200):
     return size[0] * flat + np.array([0, 0, 1]) * rng.choice([-1, 1], (count, 1)) * size[1]
 
 
-@pytest.mark.parametrize("overshoot", [0.02, 0.05])
+@pytest.mark.parametrize("overshoot", [0.03, 0.05])
 def test_every_point_of_what_moves_is_in_a_sphere_of_its_link(overshoot):
     moves, rng = mechanism(), np.random.default_rng(0)
     cover = mechanism_cover(moves, overshoot=overshoot)

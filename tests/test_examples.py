@@ -12,6 +12,11 @@ SHOWN = {
     "ask_cidgik": ("SOLVED: ", "at [0.7 0.1 0.4]", "UNREACHABLE; the proof, checked again: it holds"),
     "ask_why_not": ("BLOCKED: ", "it would be possible without the obstacle beam", "in the way: beam"),
     "clear_by_gradient": ("of 2000 random configurations are clear", "up the gradient it ends "),
+    "constrain_two_arms": (
+        "SOLVED by ikspark",
+        "both hands hold the crate within 1e-9 m: True",
+        "the elbows are within 0.9 m: True, the left one low: True",
+    ),
     "follow_a_circle": ("FOLLOWED: ", "radius 100.00 mm"),
     "keep_a_certificate": (
         "UNREACHABLE: ",
@@ -26,6 +31,13 @@ SHOWN = {
     ),
     "many_targets": ("100.0% of 2000 targets", "all within the joint limits: True"),
     "obstacles_in_python": ("a wall and a post: SOLVED", "a block as well: BLOCKED_IN_MODEL", "inside block"),
+    "pose_a_platform": (
+        "13 joints, 6 loops",
+        "SOLVED: legs 0.945, 1.376, 1.547, 0.945, 1.376, 1.547 m",
+        "by MuJoCo's measure: True",
+        "UNREACHABLE: No configuration",
+        "closest: cost 3.993, and none is below 3.99",
+    ),
     "run_and_review": ("achieved: True", "review: achieved", "ok  tracking"),
     "several_solutions": ("4 solutions, every one verified",),
     "solve_a_pose": ("SOLVED by ", "the tool is at [0.6 0.2 0.5]"),

@@ -18,11 +18,16 @@ if TYPE_CHECKING:
     from workcell.ik.hjcd.batch import solve_batch
     from workcell.ik.judge.verify import verify
     from workcell.ik.mechanisms.goals import FrameGoal, InRegion
+    from workcell.ik.mechanisms.problem import MechanismProblem, MechanismTolerances, UserConstraint
+    from workcell.ik.mechanisms.result import MechanismResult
     from workcell.ik.problem import Budget, IKProblem, Tolerances
     from workcell.ik.result import IKResult, Status
     from workcell.ik.solve import solve
+    from workcell.ik.solve_mechanism import closest_configuration, solve_mechanism
     from workcell.model.grip import actuated
     from workcell.model.loading.load import load_robot
+    from workcell.model.mechanism.from_model import mechanism_of
+    from workcell.model.mechanism.mechanism import Mechanism
     from workcell.model.robot import Robot
     from workcell.model.scene import Scene
     from workcell.motion.mechanisms.follow import FrameWaypoint, MechanismSteps
@@ -49,6 +54,7 @@ if TYPE_CHECKING:
     from workcell.simulate.simulation import Simulation
     from workcell.task.job import Job
     from workcell.task.run import run_task
+    from workcell.world.mechanism_world import Held, MechanismWorld
     from workcell.world.planning_world import PlanningWorld
 
 _HOMES = {
@@ -70,6 +76,16 @@ _HOMES = {
     "explain": "ik.explain.why_not",
     "FrameGoal": "ik.mechanisms.goals",
     "InRegion": "ik.mechanisms.goals",
+    "MechanismProblem": "ik.mechanisms.problem",
+    "MechanismTolerances": "ik.mechanisms.problem",
+    "UserConstraint": "ik.mechanisms.problem",
+    "MechanismResult": "ik.mechanisms.result",
+    "closest_configuration": "ik.solve_mechanism",
+    "solve_mechanism": "ik.solve_mechanism",
+    "Mechanism": "model.mechanism.mechanism",
+    "mechanism_of": "model.mechanism.from_model",
+    "Held": "world.mechanism_world",
+    "MechanismWorld": "world.mechanism_world",
     "FrameWaypoint": "motion.mechanisms.follow",
     "MechanismSteps": "motion.mechanisms.follow",
     "Job": "task.job",

@@ -103,7 +103,7 @@ def test_the_example_of_each_rule_holds(name: str, capsys: pytest.CaptureFixture
 
 def test_the_examples_are_all_there_and_the_page_names_them() -> None:
     page = (EXAMPLES.parent / "proofs.md").read_text()
-    assert {file.name.partition(".")[0] for file in EXAMPLES.iterdir()} == set(EXAMPLE_NAMES)
+    assert {file.name.partition(".")[0] for file in EXAMPLES.glob("*.json")} == set(EXAMPLE_NAMES)
     for name in EXAMPLE_NAMES:
         assert f"`{name}`" in page
 

@@ -18,7 +18,8 @@ from workcell.motion.body import Upright
 from workcell.motion.path import Path
 from workcell.motion.plans.in_scene import plan_in_world
 from workcell.motion.plans.result import PlanSettings
-from workcell.motion.teams.team import Team, carry
+from workcell.motion.teams.carrying import carry
+from workcell.motion.teams.team import Team
 from workcell.motion.tool_paths.follow import FollowLimits, follow, steps_of
 from workcell.motion.tool_paths.poses import PathTolerance
 from workcell.motion.tool_paths.reach import reach

@@ -8,7 +8,8 @@ from workcell.errors import InputError
 from workcell.model.joined import columns, joined_robot
 from workcell.model.scene import Scene
 from workcell.motion.path import Path
-from workcell.motion.teams.team import Team, carry, prove_team, prove_team_motion
+from workcell.motion.teams.carrying import carry
+from workcell.motion.teams.team import Team, prove_team, prove_team_motion
 from workcell.motion.teams.torques import TeamDynamics
 from workcell.motion.timing.retime import retime
 from workcell.motion.timing.torques import ChainDynamics
@@ -106,7 +107,9 @@ def test_where_one_arm_halves_a_step_the_object_stops_for_both(scene, team, plan
     done = carry(team, poses, starts, limits=limits, solver=planner)
     assert done.path is not None, done.failure
     assert len(done.path) > len(poses) and done.path.largest_link_rotation <= 0.1
-    assert done.answered.count == 2 * (len(done.path) - 1)
+    # IKSPARK answers for both arms at once
+    each = 1 if planner == "ikspark" else 2
+    assert done.answered.count == each * (len(done.path) - 1)
     assert done.answered.by_planner(planner) == done.answered.count
     assert team.stretch(done.path.configurations).max() < 1e-4
 

@@ -1,13 +1,11 @@
-"""Several arms that hold one object: a closed chain. The object's path is planned, and every arm follows it.
+"""Several arms that hold one object: a closed chain, of which one path parameter and one timing move all joints.
 
-Each arm's inverse kinematics runs by itself, with the tool where its own grasp has it on the object; the arms share
-one path parameter, so that one timing moves them all. What they may hit of each other is proved on the whole team's
-motion.
+What the arms may hit of each other is proved on the whole team's motion.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -15,7 +13,6 @@ import numpy as np
 
 from workcell.errors import InputError
 from workcell.ik.problem import Clearance
-from workcell.ik.registry import plans_alone
 from workcell.model.collision_model import CollisionModel
 from workcell.model.joined import columns, joined_robot
 from workcell.model.labels import geoms_called
@@ -23,8 +20,6 @@ from workcell.model.robot import Robot
 from workcell.model.scene import Scene
 from workcell.motion.path import Path, Trajectory
 from workcell.motion.proofs.on_model import Proof, chords, motion_bound, prove_by_halving
-from workcell.motion.tool_paths.follow import FollowLimits, FollowResult, follow, steps_of
-from workcell.motion.tool_paths.result import Answered
 from workcell.pose import Array, Pose
 from workcell.world.planning_world import PlanningWorld
 
@@ -42,6 +37,7 @@ class Team:
         grasps: `T_object_tool` of each arm, by the robot's name.
         worlds: what each arm's planner sees: the object in its hand, and no other arm of the team.
         robot: all arms as one kinematic tree, joints side by side in the order of `grasps`.
+        supports: names of the geoms that the object may touch, such as those that it stands on.
     """
 
     scene: Scene
@@ -50,6 +46,7 @@ class Team:
     worlds: Mapping[str, PlanningWorld]
     robot: Robot
     _models: tuple[CollisionModel, ...]
+    supports: tuple[str, ...] = ()
 
     @staticmethod
     def of(
@@ -102,7 +99,7 @@ class Team:
         below = tuple(supports)
         others = {name: [other for other in self.grasps if other != name] for name in self.grasps}
         worlds = {name: w.standing_on(below).without(others[name]) for name, w in self.worlds.items()}
-        return replace(self, worlds=worlds, _models=_models(worlds, self.thing, below))
+        return replace(self, worlds=worlds, _models=_models(worlds, self.thing, below), supports=below)
 
     def at(self, q: Array) -> dict[str, Array]:
         """Each robot's part (n,) of a configuration of the team."""
@@ -166,91 +163,6 @@ class Team:
             q, qd, qdd = trajectory.q[:, own], trajectory.qd[:, own], trajectory.qdd[:, own]
             parts.append(Trajectory(name, trajectory.time, q, qd, qdd, base))
         return tuple(parts)
-
-
-@dataclass(frozen=True, slots=True)
-class TeamResult:
-    """What became of an object's path.
-
-    Attributes:
-        path: of the whole team, proved clear; None when there is none.
-        proof: of the path; None when an arm could not follow.
-        failure: which arm failed, where and why, in words; empty when it is proved.
-        arms: how each arm followed.
-    """
-
-    path: Path | None
-    proof: Proof | None
-    failure: str
-    arms: Mapping[str, FollowResult]
-
-    @property
-    def answered(self) -> Answered:
-        """Who answered the configurations of all arms."""
-        return sum((arm.answered for arm in self.arms.values()), Answered())
-
-
-def carry(
-    team: Team,
-    object_poses: Sequence[Pose],
-    starts: Mapping[str, Array],
-    *,
-    limits: FollowLimits,
-    solver: str = "ikspark",
-    seed: int = 0,
-) -> TeamResult:
-    """Follow an object's path with all arms that hold it, and prove that they stay clear of each other and the rest.
-
-    Args:
-        team: the arms.
-        object_poses: `T_world_object`, two or more, the first being where the object is at `starts`.
-        starts: (n,) of each arm, by name.
-        limits: of each arm's motion.
-        solver: the planner whose steps each arm makes, see `workcell.motion.tool_paths.planners.steps_of`.
-        seed: same seed, same path.
-    """
-    poses, arms = tuple(object_poses), dict[str, FollowResult]()
-    for _ in range(limits.max_halvings + 1):
-        for name, grasp in team.grasps.items():
-            arms[name] = _follow(
-                team, name, [pose @ grasp for pose in poses], starts[name], limits, solver, seed
-            )
-            if not arms[name].followed:
-                return TeamResult(None, None, _why(name, arms[name], len(poses)), arms)
-        paths = {name: arm.path for name, arm in arms.items() if arm.path is not None}
-        finest = max(paths, key=lambda name: len(paths[name]))
-        if len(paths[finest]) == len(poses):
-            break
-        # where one arm had to halve a step, the object stops for all of them
-        poses = tuple(pose @ team.grasps[finest].inverse() for pose in paths[finest].tool_poses)
-    else:
-        return TeamResult(None, None, f"{finest}: its steps can't be made however close the poses are", arms)
-    whole = Path(team.robot, np.concatenate([path.configurations for path in paths.values()], axis=1))
-    proof = prove_team(team, whole, floor=limits.clearance)
-    return TeamResult(whole if proof.proved else None, proof, proof.reason, arms)
-
-
-def _follow(
-    team: Team,
-    name: str,
-    poses: Sequence[Pose],
-    start: Array,
-    limits: FollowLimits,
-    solver: str,
-    seed: int,
-) -> FollowResult:
-    """How one arm follows poses of its own tool."""
-    world = team.worlds[name]
-    problem = (world.fitting(poses) if plans_alone(solver) else world).problem(poses[0])
-    steps = steps_of(solver, problem, limits=limits, seed=seed)
-    return follow(problem, poses, start, limits=limits, solver=steps)
-
-
-def _why(name: str, arm: FollowResult, count: int) -> str:
-    """Why an arm can't follow, in words."""
-    failure = arm.failure
-    where = "" if failure is None else f" at pose {failure.waypoint} of {count}: {failure.detail}"
-    return f"{name}{where}. {arm.status.sentence}"
 
 
 def prove_team(team: Team, path: Path, *, floor: float = 0.0, slack: Array | float = 0.0) -> Proof:

@@ -180,15 +180,34 @@ class Recording(SceneLog):
     def _add_mechanism_waypoint(self, what: str, problem: MechanismProblem, result: MechanismResult) -> None:
         """The values of the motors that were answered, to be found again when the mechanism gets there."""
         moving = self._mechanism
-        if moving is None or result.q is None or not result.solved:
-            return
-        if problem.mechanism.size != moving.mechanism.size:
+        if result.q is None or not result.solved:
             return
         bounded = problem.max_step is not None or problem.max_link_rotation is not None
         before = problem.q_reference if bounded and problem.q_reference is not None else result.q
+        if moving is None:
+            self._add_team_waypoint(what, problem, result, before)
+            return
+        if problem.mechanism.size != moving.mechanism.size:
+            return
         here, there = moving.motor_values(np.array(result.q)), moving.motor_values(np.array(before))
         waypoint = Waypoint(what, result.solver, here, there, None, None)
         self._cuboids.add_mechanism_answer(moving.name, moving.motor_addresses, waypoint)
+
+    def _add_team_waypoint(
+        self, what: str, problem: MechanismProblem, result: MechanismResult, before: Array
+    ) -> None:
+        """What was answered for all arms that hold an object: a waypoint of each of them."""
+        compiled = problem.mechanism.compiled
+        if compiled is None or result.q is None:
+            return
+        known = set(compiled.addresses.tolist())
+        here, there = compiled.qpos(np.array(result.q)), compiled.qpos(np.array(before))
+        for robot in self._robots.values():
+            at = robot.qpos_addresses
+            if known.issuperset(at.tolist()):
+                self._cuboids.add_answer(
+                    robot, Waypoint(what, result.solver, here[at], there[at], None, None)
+                )
 
     def _add_waypoint(
         self, what: str, problem: IKProblem, result: IKResult, solids: NDArray[np.int64] | None

@@ -23,8 +23,8 @@ LARGEST = 0.95
 """The adaptive c at which a descent has stalled: there is next to nothing to gain nearby."""
 LONGEST = 50
 """Steps of one descent."""
-_WITHIN = 1e-3
-"""Share of what can be gained that is not asked for, so that there is room about the answer."""
+_WITHIN = 0.3
+"""Share of what can be gained that is not asked for: less haste costs less, and there is room about the answer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,9 +114,9 @@ class Descent:
         return None
 
     def _next(self, here: Reduction, slope: Array, rows: Sequence[Rows]) -> float:
-        """The first c of the series `1 - (1 - c_0)^(p + 1)`, p = 1, 2, ..., that asks for no more than Problem 3 finds.
+        """The first c of the series `1 - (1 - c_0)^(p + 1)`, p = 1, 2, ..., that asks for no more than there is.
 
-        All before it would be found to ask for too much, one by one.
+        Problem 3 tells how much that is; without it the c's before would be tried one by one.
         """
         self._plain.cut(rows)
         solution = self._plain.solve(-slope)

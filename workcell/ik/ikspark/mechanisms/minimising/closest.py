@@ -54,8 +54,8 @@ COUNTS = (
 
 touch; of the answer its rank gap, what polish moved, how far it was from rotations, and the cost at the minimiser of
 the relaxation and at the rank-1 point."""
-_PULL = 0.1
-"""Weight of the first random configuration's lift in a start's cost; every further one's is heavier by as much."""
+_PULL, _HARDEST = 0.01, 1.0
+"""Weight of a random configuration's lift in the second start's cost; that of every further one is twice as large."""
 _ROUNDS = 12
 """Starts with ever more rows where spheres touch."""
 
@@ -163,7 +163,7 @@ class _Closest:
         self._directions.draw()
         self._forget()
         self.program.cut(())
-        pull = _PULL * (1.0 + self.stats["restarts"])
+        pull = min(_PULL * 2.0 ** max(self.stats["restarts"] - 1.0, 0.0), _HARDEST)
         solution = self.program.solve(-pull * self._directions.of(self._part))
         return solution.x if solution.usable else None
 

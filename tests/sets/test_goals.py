@@ -214,3 +214,16 @@ def test_mechanisms_of_files_are_those_of_their_compiled_models(tmp_path, mechan
         "a",
         "b",
     ] and mechanism.compiled.model.nq == model.nq
+
+
+def test_what_the_document_shows_is_read_as_it_stands(tmp_path):
+    text = (EXAMPLES[0].parents[1] / "docs" / "goals.md").read_text()
+    whole, more = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    path = tmp_path / "goals.toml"
+    path.write_text(whole)
+    asked = read_goals(path)
+    assert (len(asked.goals), len(asked.regions), asked.max_step) == (1, 1, 0.3)
+    asked = read(tmp_path, more)
+    assert (
+        asked.contacts[0].touches == ("hand/rh_ffdistal_collision",) and asked.held[0].body == "crate/crate"
+    )

@@ -354,3 +354,16 @@ def test_our_own_mechanisms_have_nothing_wrong(capsys, name):
     found = json.loads(capsys.readouterr().out)
     assert stop.value.code == exit_codes.DONE and not found["problems"]
     assert any("hold at the start" in line for line in found["contents"])
+
+
+def test_a_file_without_a_robot_is_checked_as_the_mechanism_that_it_is(capsys, tmp_path):
+    (tmp_path / "plate.xml").write_text(platform())
+    with pytest.raises(SystemExit) as stop:
+        main(["check", str(tmp_path / "plate.xml")])
+    out = capsys.readouterr().out
+    assert (
+        stop.value.code == exit_codes.DONE
+        and "plate.xml: mechanism" in out
+        and "BEWARE  no robot is found" in out
+    )
+    assert "4 degrees of freedom are left of 10" in out

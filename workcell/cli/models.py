@@ -129,6 +129,14 @@ def _check_robot(name: str) -> dict[str, Any]:
 
 def _check_gripper(name: str, model: mujoco.MjModel, path: Path) -> dict[str, Any]:
     """A hand without an arm: its sites, and the mechanism that it is."""
+    sites = ", ".join(model.site(site).name for site in range(model.nsite))
+    return _found_alone(name, "gripper", model, path, [f"tools {sites}"], [])
+
+
+def _found_alone(
+    file: str, kind: str, model: mujoco.MjModel, path: Path, lines: list[str], also: list[str]
+) -> dict[str, Any]:
+    """What `check` says of a model in which there is no robot to be found: the mechanism that it is."""
     from workcell.inspection.findings import texts
     from workcell.inspection.mechanisms import mechanism_findings
     from workcell.model.mechanism.from_model import mechanism_of
@@ -137,12 +145,11 @@ def _check_gripper(name: str, model: mujoco.MjModel, path: Path) -> dict[str, An
         found = tuple(mechanism_findings(mechanism_of(model, where=path), serial=False))
     except ModelError as error:
         found = tuple(mechanism_findings(error, serial=False))
-    sites = ", ".join(model.site(site).name for site in range(model.nsite))
     return {
-        "file": name,
-        "kind": "gripper",
-        "contents": [f"tools {sites}", *texts(found, "fact")],
-        "beware": texts(found, "beware"),
+        "file": file,
+        "kind": kind,
+        "contents": [*lines, *texts(found, "fact")],
+        "beware": [*also, *texts(found, "beware")],
         "problems": texts(found, "wrong"),
         "findings": [finding.to_json() for finding in found],
     }
@@ -178,10 +185,35 @@ def _robot_lines(robot: Robot) -> list[str]:
     return lines
 
 
+def _mechanism_alone(name: str, refusal: ModelError) -> dict[str, Any] | None:
+    """A model file in which no robot is found, as the mechanism that it is; None where it is none that ties close."""
+    from workcell.model.loading.assets import is_path
+    from workcell.model.loading.load import compile_spec, load_spec
+    from workcell.model.mechanism.from_model import mechanism_of
+
+    if not is_path(name) or name.endswith(".toml"):
+        return None
+    try:
+        model = compile_spec(load_spec(name, kind="cells"), name)
+        mechanism = mechanism_of(model, where=name)
+    except ModelError:
+        return None
+    if not mechanism.closures:
+        return None
+    return _found_alone(
+        name, "mechanism", model, Path(name), [], [f"no robot is found in it: {refusal.message}"]
+    )
+
+
 def _check_scene(name: str) -> dict[str, Any]:
     from workcell.model.scene import Scene
 
-    scene = Scene.load(name)
+    try:
+        scene = Scene.load(name)
+    except ModelError as error:
+        if (alone := _mechanism_alone(name, error)) is None:
+            raise
+        return alone
     if scene.path.suffix != ".toml" and len(scene.robots) == 1 and not scene.obstacles:
         lines = _robot_lines(replace(scene.robot().robot, name=scene.name))
         return _found(scene, name, "robot", lines, _scene_problems(scene))

@@ -9,7 +9,7 @@ import numpy as np
 
 from workcell.inspection.findings import Finding, fact
 from workcell.model.labels import body_name
-from workcell.model.loading.actuators import actuator_of_joint
+from workcell.model.loading.actuators import actuated_joints, actuator_of_joint
 from workcell.model.loading.couplings import leaders, locked_values
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def joint_findings(scene: Scene) -> Iterator[Finding]:
     if scene.mechanism is not None:
         yield from _moving(scene.mechanism)
         driven.update(joint.id for joint in scene.mechanism.mechanism.joints)
-    held, follows = locked_values(model), leaders(model)
+    held, follows, powered = locked_values(model), leaders(model), actuated_joints(model)
     for joint in range(model.njnt):
         if joint in driven or not _is_single(model, joint):
             continue
@@ -41,7 +41,7 @@ def joint_findings(scene: Scene) -> Iterator[Finding]:
             )  # fmt: skip
         elif joint in follows:
             yield _follower(model, joint, follows[joint][0])
-        elif actuator_of_joint(model, joint) is not None:
+        elif joint in powered:
             yield _driven(model, joint, bool(scene.robots))
         else:
             yield fact(
@@ -100,8 +100,9 @@ def _driven(model: mujoco.MjModel, joint: int, beside_robots: bool) -> Finding:
     lower, upper = (float(value) for value in model.jnt_range[joint])
     words = f"[{lower:.4f}, {upper:.4f}] {_unit(model, joint)}" if _has_range(model, joint) else "no limits"
     also = ", on the way to no tool of a robot here" if beside_robots else ""
+    through = "" if actuator_of_joint(model, joint) is not None else " through a tendon"
     return fact(
-        "joint", f"{_name(model, joint)}: {words}; driven{also}", joint=_name(model, joint),
+        "joint", f"{_name(model, joint)}: {words}; driven{through}{also}", joint=_name(model, joint),
         kind="other" if beside_robots else "driven",
     )  # fmt: skip
 

@@ -36,7 +36,7 @@ class Alone:
         for turn in range(ROUNDS):
             if reached.accepted or search.over():
                 break
-            if not (own.turn() if reached.x is None else own.cut(reached.x)):
+            if not (own.turn() if reached.x is None else own.part(reached)):
                 break
             convex = self._instances.with_rows(own.rows) if turn else self._instance
             reached = search.attempt(convex, own.pushed(self._towards(first)), ", its own spheres apart")

@@ -114,7 +114,7 @@ class AmongCuboids:
         """The set with rows for spheres that need them where an ascent ended; None: nothing more can be demanded."""
         x = reached.x
         assert x is not None
-        parted = not reached.accepted and self._own.cut(x)
+        parted = self._own.part(reached)
         centres, recounted = self._maps[..., :-1] @ x + self._maps[..., -1], False
         outside = np.flatnonzero(self._outside(centres))
         if grows and len(outside):

@@ -72,7 +72,7 @@ class Avoidance:
             if reached.accepted or reached.x is None or search.over():
                 break
             added = self.planes(reached.x)
-            if not self._own.cut(reached.x) and not len(added):
+            if not self._own.part(reached) and not len(added):
                 break
             planes = np.vstack([planes, added])[-SLOTS:]
             search.stages.add("half-spaces", note=f"{len(added)} added, {len(planes)} in all")

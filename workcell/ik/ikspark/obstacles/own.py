@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from workcell.ik.ikspark.instance import Instance
 from workcell.ik.ikspark.obstacles.centres import all_maps
-from workcell.ik.ikspark.search import Search
+from workcell.ik.ikspark.search import Reached, Search
 from workcell.ik.problem import IKProblem
 from workcell.ik.shared.convex import KEEP_OFF
 from workcell.pose import Array
@@ -85,6 +85,15 @@ class OwnSpheres:
     def restart(self) -> None:
         """Forget the rows."""
         self.rows, self._turns = self.rows[:0], 0
+
+    def part(self, reached: Reached) -> bool:
+        """Cut off where an ascent ended, if it is refused and spheres overlap there; False: nothing was cut off.
+
+        It begins with a configuration: in a point that is none, spheres are nearer to each other than links bring them.
+        """
+        if reached.accepted or reached.x is None or (reached.q is None and not len(self.rows)):
+            return False
+        return self.cut(reached.x)
 
     def cut(self, x: Array) -> bool:
         """Add a row that the point x (N,) breaks, for the pair that overlaps most there; False: none does."""
@@ -157,7 +166,7 @@ def own_pairs(problem: IKProblem) -> NDArray[np.int64]:
     if ask is None or problem.checker is None or problem.cover is None:
         return np.zeros((0, 2), dtype=np.int64)
     known = [q for q in (problem.robot.home, problem.q_reference, problem.q_near) if q is not None]
-    free = [q for q in known if problem.checker(q).distance > 0.0]
+    free = [q for q in np.unique(known, axis=0) if problem.checker(q).distance > 0.0]
     pairs: NDArray[np.int64] = ask(problem.robot, problem.cover, np.stack(free) if free else None)
     return pairs
 

@@ -15,6 +15,8 @@ from workcell.pose import Array
 
 STEADIEST = 0.8
 """Largest ratio of two changes of the gradient from which a limit is guessed."""
+TIGHTEST = 6
+"""Programs that a point is solved for again."""
 STRAIGHT = 0.95
 """Least cosine of the angle between them."""
 
@@ -70,11 +72,11 @@ def ascend(
         if count > 0 and step.left > slow * before:
             return
         before, slopes = step.left, [*slopes[-2:], gradient] if not ahead else [gradient]
-        limit = _limit(slopes)
+        limit = limit_of(slopes)
         direction, ahead = (gradient, False) if limit is None else (limit, True)
 
 
-def _limit(slopes: list[Array]) -> Array | None:
+def limit_of(slopes: list[Array]) -> Array | None:
     """Where the last three gradients lead to, if they go there geometrically; None: they don't."""
     if len(slopes) < 3:
         return None
@@ -85,3 +87,31 @@ def _limit(slopes: list[Array]) -> Array | None:
     ratio = short / long
     limit: Array = slopes[2] + ratio / (1.0 - ratio) * two
     return limit
+
+
+def tightened(blocks: Blocks, program: Program, step: Step, *, exact: float, tolerance: float) -> Array:
+    """A point of rank 1 (N,) once more, to digits that ascents are spared: until its gap is `exact`, if it gets there.
+
+    Args:
+        blocks, program: of the set.
+        step: its last step.
+        exact: the rank gap to come below.
+        tolerance: of Clarabel.
+    """
+    assert step.x is not None
+    x, gap, slopes = step.x, step.gap, list[Array]()
+    direction = linearise(blocks, x)[1]
+    for _ in range(TIGHTEST):
+        if gap < exact:
+            break
+        solution = program.solve(-direction, tolerance=tolerance)
+        if not solution.usable:
+            break
+        gaps, gradient = linearise(blocks, solution.x)
+        here = float(gaps.max(initial=0.0))
+        if here <= gap:
+            x, gap = solution.x, here
+        slopes = [*slopes[-2:], gradient]
+        limit = limit_of(slopes)
+        direction, slopes = (gradient, slopes) if limit is None else (limit, [])
+    return x

@@ -24,12 +24,11 @@ from workcell.ik.ikspark.mechanisms.forms import FormName
 from workcell.ik.ikspark.mechanisms.lift import MechanismLift
 from workcell.ik.ikspark.mechanisms.parts import Part, Parts
 from workcell.ik.ikspark.mechanisms.program import Multipliers, Program
-from workcell.ik.ikspark.mechanisms.rank import Step, ascend
+from workcell.ik.ikspark.mechanisms.rank import Step, ascend, tightened
 from workcell.ik.ikspark.mechanisms.reading import off_rotations, read
 from workcell.ik.ikspark.mechanisms.relaxation import Relaxation
 from workcell.ik.ikspark.mechanisms.restart import Restart, Restarts
 from workcell.ik.ikspark.mechanisms.rows import Rows
-from workcell.ik.ikspark.rank import RANK_GAP
 from workcell.ik.mechanisms.judge import judge_mechanism
 from workcell.ik.mechanisms.polish import polish_mechanism
 from workcell.ik.mechanisms.problem import MechanismProblem
@@ -262,19 +261,15 @@ class _Search:
     def _tight(self, step: Step) -> Array:
         """The rank-1 point once more, to the digits that the ascents were spared, unless it has them."""
         assert step.x is not None
-        if step.gap < _EXACT:
-            return step.x
-        x, direction = np.array(step.x), linearise(self.blocks, step.x)[1]
-        alone = not self._curve_rows and not self._sphere_rows
-        for part in self.parts.parts if alone else ():
-            solution = part.program.solve(-direction[part.columns], tolerance=_TIGHT)
-            if solution.usable:
-                x[part.columns] = solution.x
-        if not alone:
-            solution = self.parts.whole.solve(-direction, tolerance=_TIGHT)
-            x = solution.x if solution.usable else x
-        better = linearise(self.blocks, x)[0].max(initial=0.0) <= max(step.gap, RANK_GAP)
-        return x if better else step.x
+        if self._curve_rows or self._sphere_rows:
+            return tightened(self.blocks, self.parts.whole, step, exact=_EXACT, tolerance=_TIGHT)
+        x = np.array(step.x)
+        for part in self.parts.parts:
+            own = x[part.columns]
+            gap = float(linearise(part.blocks, own)[0].max(initial=0.0))
+            here = Step(own, gap)
+            x[part.columns] = tightened(part.blocks, part.program, here, exact=_EXACT, tolerance=_TIGHT)
+        return x
 
     def _proof(self, multipliers: Multipliers) -> Certificate | None:
         proof = certify_empty(self.problem, multipliers) or self._proof_by_rows()

@@ -21,7 +21,8 @@ from workcell.sets.solving import verify_answers
 
 def test_there_is_a_case_of_every_kind_of_proof() -> None:
     kinds = {case.certificate["kind"] for case in cases()}
-    assert kinds == set(PROOFS) - {"farkas", "cidgik"}
+    # those about mechanisms are forged in a bench of their own
+    assert kinds == set(PROOFS) - {"farkas", "cidgik", "mechanism/1"}
     assert {case.certificate["scope"] for case in cases()} == {"kinematics", "geometry", "solution"}
 
 

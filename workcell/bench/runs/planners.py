@@ -22,11 +22,12 @@ TASKS = (
     "machine_tending",
     "bin_picking",
     "dual_arm_carry",
+    "baxter_carry",
     "keep_upright",
     "circle_trace",
     "square_trace",
 )
-"""Those in which something moves."""
+"""Those in which arms move; mechanisms that are no arms are planned by IKSPARK and `auto` alone."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,7 +39,10 @@ class Entry:
 ENTRIES = (
     *(
         Entry(task)
-        for task in ("shelf_grasp", "machine_tending", "bin_picking", "dual_arm_carry", "keep_upright")
+        for task in (
+            *("shelf_grasp", "machine_tending", "bin_picking", "dual_arm_carry", "keep_upright"),
+            *("baxter_carry", "stewart_pose", "hand_grasp"),
+        )
     ),
     *(Entry(task, arm) for task in ("circle_trace", "square_trace") for arm in ("sawyer", "ur10", "iiwa14")),
     Entry("blocked", proof=True),

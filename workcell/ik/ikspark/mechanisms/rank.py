@@ -90,12 +90,12 @@ def limit_of(slopes: list[Array]) -> Array | None:
 
 
 def tightened(blocks: Blocks, program: Program, step: Step, *, exact: float, tolerance: float) -> Array:
-    """A point of rank 1 (N,) once more, to digits that ascents are spared: until its gap is `exact`, if it gets there.
+    """A point of rank 1 (N,) once more, to digits that ascents are spared.
 
     Args:
         blocks, program: of the set.
         step: its last step.
-        exact: the rank gap to come below.
+        exact: the rank gap to come below, if it can be.
         tolerance: of Clarabel.
     """
     assert step.x is not None

@@ -1,0 +1,1 @@
+"""Inverse kinematics in the loop: a step for every control tick, smooth and hard-guarded (RelaxedIK, Rakita et al. 2020)."""

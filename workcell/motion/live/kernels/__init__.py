@@ -1,0 +1,1 @@
+"""Compiled kernels of live steps (see `workcell.jit`)."""

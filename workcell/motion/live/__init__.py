@@ -1,1 +1,4 @@
-"""Inverse kinematics in the loop: a step for every control tick, smooth and hard-guarded (RelaxedIK, Rakita et al. 2020)."""
+"""Inverse kinematics in the loop: a smooth, hard-guarded step every control tick.
+
+RelaxedIK (Rakita et al., 2020).
+"""

@@ -17,7 +17,10 @@ import mujoco
 import numpy as np
 
 ROBOTS = Path(__file__).resolve().parent
-ARMS = ("sawyer.xml", "ur10.xml", "iiwa14.xml", "baxter_arm.xml", "baxter.xml")
+ARMS = (
+    *("sawyer.xml", "ur10.xml", "iiwa14.xml", "baxter_arm.xml", "baxter.xml"),
+    *("fanuc_lrmate200ic.xml", "ur5.xml", "jaco.xml", "iiwa7.xml", "hubo_arm.xml", "hubo_waist_arm.xml"),
+)
 FILES = (*ARMS, "parallel_gripper.xml", "linkage_gripper.xml", "shadow_hand.xml")
 GEOMETRY = ("type", "size", "pos", "quat", "fromto")
 INERTIAL = re.compile(r"<inertial [^>]*/>")

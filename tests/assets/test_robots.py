@@ -18,8 +18,18 @@ from scipy.spatial.transform import Rotation
 ROOT = Path(__file__).resolve().parents[2]
 ROBOTS = ROOT / "assets" / "robots"
 FACTS = Path(__file__).resolve().parent / "published"
-ARMS = ("sawyer", "ur10", "iiwa14")
-FLANGE = {"sawyer": "right_hand", "ur10": "tool0", "iiwa14": "attachment_site"}
+FLANGE = {
+    "sawyer": "right_hand",
+    "ur10": "tool0",
+    "iiwa14": "attachment_site",
+    "fanuc_lrmate200ic": "tool0",
+    "ur5": "tool0",
+    "jaco": "palm",
+    "iiwa7": "ee",
+    "hubo_arm": "hand",
+    "hubo_waist_arm": "hand",
+}
+ARMS = tuple(FLANGE)
 
 COVER_TOLERANCE = 0.005
 FATNESS_TOLERANCE = 0.02
@@ -137,10 +147,11 @@ def test_limits_match_the_facts(name: str) -> None:
         in_model = model.joint(joint["name"])
         assert model.jnt_limited[in_model.id] and model.jnt_actfrclimited[in_model.id]
         np.testing.assert_array_equal(in_model.range, joint["range"])
-        np.testing.assert_array_equal(model.jnt_actfrcrange[in_model.id], [-joint["effort"], joint["effort"]])
         actuator = model.actuator(joint["name"])
         assert actuator.trnid[0] == in_model.id
-        np.testing.assert_array_equal(actuator.ctrlrange, [-joint["effort"], joint["effort"]])
+        effort = joint.get("effort", actuator.ctrlrange[1])  # where none is published, the file says its own
+        np.testing.assert_array_equal(model.jnt_actfrcrange[in_model.id], [-effort, effort])
+        np.testing.assert_array_equal(actuator.ctrlrange, [-effort, effort])
         assert model.numeric(f"{joint['name']}:velocity").data[0] == pytest.approx(
             joint["velocity"], rel=1e-12
         )
@@ -162,6 +173,18 @@ def test_inertia_matrix_is_well_conditioned_and_gravity_is_within_effort(name: s
     mujoco.mj_fullM(model, data, mass_matrix)
     assert np.linalg.eigvalsh(mass_matrix).min() > 0.01
     assert np.all(np.abs(data.qfrc_bias) < 0.8 * model.jnt_actfrcrange[:, 1])
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_motors_hold_the_arm_at_home(name: str) -> None:
+    model = model_of(name)
+    data = at_home(model)
+    home = data.qpos.copy()
+    for _ in range(250):
+        data.ctrl[:] = data.qfrc_bias + 50 * (home - data.qpos) - 5 * data.qvel
+        mujoco.mj_step(model, data)
+    np.testing.assert_allclose(data.qpos, home, atol=1e-4)
+    assert np.all(np.abs(data.ctrl) < model.actuator_ctrlrange[:, 1])
 
 
 # Collision geometry against the extents

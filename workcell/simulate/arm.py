@@ -119,9 +119,10 @@ class Arm:
     def still(self, data: mujoco.MjData) -> Reference:
         """Stay where the reference stands."""
         q = self.reference[None]
-        return self._reference(data, q, np.zeros_like(q), np.zeros_like(q))
+        return self.reference_of(data, q, np.zeros_like(q), np.zeros_like(q))
 
-    def _reference(self, data: mujoco.MjData, q: Array, qd: Array, qdd: Array) -> Reference:
+    def reference_of(self, data: mujoco.MjData, q: Array, qd: Array, qdd: Array) -> Reference:
+        """Joints (T, n) to be at, with the tool poses that they make on the base as it stands now."""
         chain, base = self.robot.robot, self.base_matrix(data)
         tools = chain.fk_transform(q)
         if self.rides:
@@ -149,7 +150,7 @@ class Arm:
                     where="trajectory",
                     remedy="wait until what carries it rests, or plan from where it stands",
                 )
-        return self._reference(data, *discrete_reference(trajectory))
+        return self.reference_of(data, *discrete_reference(trajectory))
 
     def drive(
         self, data: mujoco.MjData, qpos: Array, wanted: tuple[Array, Array, Array, Array]

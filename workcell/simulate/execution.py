@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from workcell.pose import Array, read_only
+from workcell.simulate.frames import LiveFrames, joined
 
 
 class StopReason(enum.Enum):
@@ -86,6 +87,7 @@ class Execution:
             before; empty where there is no mechanism.
         contacts: unintended contacts, first moment of each.
         events: the log.
+        live: the frames of live inverse kinematics, a part for each order to follow goals.
         saturated_steps: control steps on which a joint reached its effort limit.
         stop: why the run ended early, or None.
     """
@@ -105,6 +107,7 @@ class Execution:
     closure_error: Array = field(default_factory=lambda: np.zeros(0))
     contacts: tuple[ContactEvent, ...] = ()
     events: tuple[Event, ...] = ()
+    live: tuple[LiveFrames, ...] = ()
     saturated_steps: int = 0
     stop: Stop | None = None
 
@@ -157,6 +160,7 @@ def join_executions(parts: Sequence[Execution]) -> Execution:
         clearance_pair=tuple(pair for part in parts for pair in part.clearance_pair),
         contacts=tuple(contact for part in parts for contact in part.contacts),
         events=tuple(event for part in parts for event in part.events),
+        live=joined([frames for part in parts for frames in part.live]),
         saturated_steps=sum(part.saturated_steps for part in parts),
         stop=next((part.stop for part in reversed(parts) if part.stop is not None), None),
     )

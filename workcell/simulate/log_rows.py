@@ -11,6 +11,7 @@ import numpy as np
 from workcell.model.judge.nearest import Distance
 from workcell.pose import Array
 from workcell.simulate.execution import ContactEvent, Event, Execution, Stop
+from workcell.simulate.frames import LiveFrame, frames_of
 
 
 @dataclass(slots=True)
@@ -64,6 +65,7 @@ class Rows:
     closure: list[float] = field(default_factory=list)
     contacts: list[ContactEvent] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
+    frames: list[LiveFrame] = field(default_factory=list)
     saturated: int = 0
     stop: Stop | None = None
 
@@ -106,6 +108,7 @@ class Rows:
             closure_error=np.array(self.closure),
             contacts=tuple(self.contacts),
             events=tuple(self.events),
+            live=frames_of(self.frames),
             saturated_steps=self.saturated,
             stop=self.stop,
         )

@@ -14,9 +14,9 @@ from workcell.simulate.arm import Arm
 from workcell.simulate.checks import check_free_hand, checked_motions, checked_seconds, checked_share
 from workcell.simulate.execution import StopReason
 from workcell.simulate.grasp import Hand, Weld, finger_speed
+from workcell.simulate.live.following import Follower
 from workcell.simulate.meeting import Mover, first_meeting
 from workcell.simulate.runner import Settings
-from workcell.simulate.stepping import Stepper
 from workcell.simulate.watch import Held, Hold
 
 __all__ = ["Settings", "Simulation"]
@@ -25,7 +25,7 @@ _STILL = 2e-3
 """Speed of a finger (metres a second) below which it rests."""
 
 
-class Simulation(Stepper):
+class Simulation(Follower):
     """The robots of a scene in motion. Methods return whether they succeeded; after a stop they do nothing.
 
     Every robot of the scene is controlled; one that is not ordered to move holds its place. A method that acts on one

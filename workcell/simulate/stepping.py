@@ -12,6 +12,7 @@ from workcell.model.scene_parts import SceneRobot
 from workcell.pose import Array
 from workcell.simulate.arm import Arm, Reference
 from workcell.simulate.controller import make_controller
+from workcell.simulate.driven import Driven
 from workcell.simulate.execution import Execution, StopReason
 from workcell.simulate.imperfections import Imperfections
 from workcell.simulate.log_rows import Rows, Worst, captured_warnings
@@ -47,6 +48,7 @@ class Stepper(Runner):
         self._hold_what_is_placed()
         self._dofs = [arm.robot.robot.dof for arm in self.arms.values()]
         self._anchored: dict[str, Array] = {}
+        self._driven = Driven(self.timestep)
         self._rows = Rows(sum(self._dofs), len(self.arms), self.model.nq)
         self._mujoco.mj_forward(self.model, self.data)
         if self._watch.looks_at_nothing:
@@ -114,6 +116,7 @@ class Stepper(Runner):
             if reached:
                 self.log(f"{self._whose(arm)}a joint is at its effort limit", "WARN")
         self._mujoco.mj_step(self.model, data)
+        self._driven.place(data)
         for name, arm in self.arms.items():
             arm.worst.update(arm.tool_matrix(data), arm.wanted_tool(data, references[name], k), torques[name])
         self._measure_strain()

@@ -72,9 +72,9 @@ class Follower(Stepper):
         """Follow goals for some time, then come to rest where the arms are.
 
         `live` is asked at every tick of its period, is told where what moves is, and begins at rest where the
-        references of its arms stand. What it answers is each arm's reference, half a period later (see `Feed`). Every frame is
-        logged with its goals, errors and terms; statuses and guards are told as they change. All other guards of the
-        simulation stay in force. Robots that `live` doesn't move hold their place.
+        references of its arms stand. What it answers is each arm's reference, half a period later (see `Feed`).
+        Every frame is logged with its goals, errors and terms; statuses and guards are told as they change. All
+        other guards of the simulation stay in force. Robots that `live` doesn't move hold their place.
 
         Args:
             live: `LiveIK` of this scene's robots.

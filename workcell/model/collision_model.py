@@ -103,6 +103,12 @@ class CollisionModel:
         smaller._look_at(self._pairs[(one[:, 0] & two[:, 1]) | (one[:, 1] & two[:, 0])])
         return smaller
 
+    def only(self, pairs: Iterable[int]) -> CollisionModel:
+        """The same model with some of its pairs alone, by their rows in `pair_geoms`."""
+        smaller = copy.copy(self)
+        smaller._look_at(self._pairs[np.asarray(list(pairs), dtype=np.int64)])
+        return smaller
+
     def _look_at(self, pairs: NDArray[np.int64]) -> None:
         self._pairs, links = pairs, self._links()
         self._pair_links = np.sort(links[pairs], axis=1)

@@ -25,10 +25,9 @@ class LiveStatus(enum.Enum):
 
 _SENTENCES = {
     LiveStatus.ON_GOAL: "Every tool is within its goal's tolerance.",
-    LiveStatus.MOVING: "The tools are on their way; limits or smoothness keep them from their goals in this frame.",
+    LiveStatus.MOVING: "The tools are on their way; limits or smoothness keep them off their goals in this frame.",
     LiveStatus.HELD: (
-        "A guard keeps a tool off its goal, and the arm has come to rest before it. "
-        "Move the goal, or what is in the way."
+        "A guard keeps a tool off its goal, and the arm rests before it. Move the goal, or what is in the way."
     ),
     LiveStatus.NO_GOAL: "There is no goal to go to: the arm slows down and holds. Send a finite, fresh pose.",
     LiveStatus.IN_CONTACT: (
@@ -77,8 +76,7 @@ class Step:
         q, qd: (n,) where the joints should be at the end of the frame, and how fast they move in it.
         status: how it went.
         reason: why there is no goal, or what is in contact; else empty.
-        position_error, rotation_error: (k,) metres, radians by which each tool is off its goal at q, outside of its
-            bands.
+        position_error, rotation_error: (k,) by which each tool is outside of its goal's bands at q: metres, radians.
         terms: (7,) the terms before their losses, in the order of `TERMS`: what was given up for what.
         guards: what held the step back.
         clearance: metres, the smallest gap of the guard's spheres at q; inf where nothing is near.

@@ -1,0 +1,123 @@
+"""The step that is carried out: towards the relaxed solution, within limits, and from which the arm can stop clear.
+
+A joint may move by any constant jerk of the period after which it can still come to rest within its limits. Among
+these moves a quadratic program takes the nearest to the relaxed solution whose stop keeps off what is near; then the
+step, and the whole stop after it, is marched along and shown to be clear by distances and by bounds on how far links
+move. What is not shown is mixed with the stop of the step before, which was, until it is.
+"""
+
+from __future__ import annotations
+
+import math
+
+from workcell.jit import kernel
+from workcell.motion.live.kernels.braking import stop_time
+from workcell.motion.live.kernels.conditioning import conditioning_gradient
+from workcell.motion.live.kernels.limbs import Limbs, put
+from workcell.motion.live.kernels.march import is_clear, measure_at
+from workcell.motion.live.kernels.motion import Motion
+from workcell.motion.live.kernels.near import find_near, move_obstacles
+from workcell.motion.live.kernels.program import solve
+from workcell.motion.live.kernels.relax import Desk, Surroundings, condition
+from workcell.motion.live.kernels.rows import add_stop_rows, add_yield_rows, note_guards, set_program
+from workcell.motion.live.kernels.terms import Wish
+from workcell.motion.live.kernels.windows import open_windows, state_after
+
+_LOOK_AHEAD = 0.06
+"""Metres of clearance at the stop within which a pair is a row."""
+
+
+@kernel
+def guard(limbs: Limbs, around: Surroundings, wish: Wish, desk: Desk, motion: Motion, period: float) -> None:
+    """The next state, into motion.next, from motion.now and motion.wanted; `desk.total.matrix` as `relax` left it.
+
+    Where nothing is wanted (nan), the arm is to stop.
+    """
+    n = motion.end.shape[0]
+    open_windows(limbs, motion, period)
+    if math.isnan(motion.wanted[0, 0]):
+        for k in range(n):
+            motion.wanted[0, k], motion.wanted[1, k] = motion.end[k], 0.0
+    for c in range(5):
+        motion.report[c] = 0.0
+    whole = 0.0
+    for k in range(n):
+        whole = max(
+            whole, stop_time(motion.now[1, k], motion.now[2, k], limbs.rates[1, k], limbs.rates[2, k])
+        )
+    for k in range(n):
+        desk.trial[k] = motion.now[0, k]
+    put(limbs, desk.trial, desk.place)
+    for t in range(wish.goals.shape[0]):
+        if around.least[t] > 0.0 and condition(limbs, around, desk, t) < 2.0 * around.least[t]:
+            conditioning_gradient(limbs, desk.place, t, desk.total.J, desk.vectors, desk.slope)
+            for k in range(n):
+                desk.vectors[4 + t, k] = desk.slope[k]
+    solved = False
+    if set_program(limbs, motion, desk, period):
+        if around.movers.rows.shape[0] > 0:
+            add_yield_rows(limbs, around, motion, desk, period)
+        for k in range(n):
+            desk.trial[k] = motion.end[k]
+        put(limbs, desk.trial, desk.place)
+        move_obstacles(around.movers, whole)
+        find_near(
+            limbs,
+            around.shapes,
+            around.movers,
+            around.skipped,
+            desk.place,
+            _LOOK_AHEAD,
+            _LOOK_AHEAD,
+            desk.near,
+        )
+        for k in range(n):
+            desk.trial[k] = motion.aim[k]
+        fixed = desk.program.used[0]
+        for turn in range(2):
+            desk.program.used[0] = fixed
+            add_stop_rows(limbs, around, motion, desk, wish, desk.trial, period)
+            if turn > 0:
+                for k in range(n):
+                    desk.program.x[k] = motion.aim[k]
+                desk.program.x[n] = 0.0
+            solved = solve(desk.program, 1e-8)
+            if not solved:
+                break
+            for k in range(n):
+                desk.trial[k] = min(max(desk.program.x[k], motion.windows[0, k]), motion.windows[1, k])
+            if desk.program.used[0] == fixed:
+                break
+        note_guards(motion, desk, fixed)
+        motion.report[4] = desk.program.x[n]
+    share = 1.0 if solved else 0.0
+    if not solved:
+        for k in range(n):
+            desk.trial[k] = 0.0
+    best, best_share = -1e9, 0.0
+    state_after(limbs, motion, desk.trial, period, motion.best)
+    for turn in range(4):
+        if turn == 3:
+            share = 0.0
+        for k in range(n):
+            for r in range(3):
+                motion.next[r, k] = share * motion.best[r, k] + (1.0 - share) * motion.stop[r, k]
+        motion.report[3] = 0.0
+        if is_clear(limbs, around, motion, desk, motion.next, period):
+            motion.report[0], motion.report[1] = share, 1.0
+            return
+        if motion.report[2] > best:
+            best, best_share = motion.report[2], share
+        if share == 0.0:
+            break
+        share *= 0.4
+    # Nothing is shown to be clear: what was shown before stands, unless something that moves, or a contact that is
+    # there already, makes it the worse choice.
+    for k in range(n):
+        motion.then[k] = motion.now[0, k]
+    touching = not measure_at(limbs, around, motion, desk, 0.0, 0.02) > 0.0
+    share = best_share if around.movers.rows.shape[0] > 0 or touching else 0.0
+    for k in range(n):
+        for r in range(3):
+            motion.next[r, k] = share * motion.best[r, k] + (1.0 - share) * motion.stop[r, k]
+    motion.report[0], motion.report[1], motion.report[2] = share, 0.0, best

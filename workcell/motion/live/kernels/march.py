@@ -1,0 +1,184 @@
+"""Marching along a step and the stop after it: shown to be clear by distances and by bounds on how far links move."""
+
+from __future__ import annotations
+
+import math
+
+from workcell.jit import inner
+from workcell.kernels.coupling import spread
+from workcell.motion.live.kernels.braking import farthest, stop_time, stopping
+from workcell.motion.live.kernels.limbs import Limbs, put
+from workcell.motion.live.kernels.motion import Motion
+from workcell.motion.live.kernels.near import APART, Movers, link_gaps, move_obstacles
+from workcell.motion.live.kernels.relax import Desk, Surroundings
+from workcell.pose import Array
+
+_MOST_LOOKS = 14
+"""Configurations at which distances are measured, at most."""
+
+
+@inner
+def drifts(limbs: Limbs, state: Array, t: float, length: float, motion: Motion) -> None:
+    """Bounds on how far each joint moves between t and t + length seconds of the stop from a state, into drift (m,)."""
+    for k in range(state.shape[1]):
+        most, jerk = limbs.rates[1, k], limbs.rates[2, k]
+        v, a = state[1, k], state[2, k]
+        x0, v0, a0 = stopping(v, a, most, jerk, t)
+        x1 = stopping(v, a, most, jerk, t + length)[0]
+        # it may turn back once: there and back again
+        back = min(farthest(v0, a0, most, jerk), farthest(-v0, -a0, most, jerk))
+        motion.then[k] = abs(x1 - x0) + 2.0 * back
+    for j in range(motion.drift.shape[0]):
+        k = limbs.couple.variable[j]
+        reach = abs(state[0, k]) + motion.then[k]
+        motion.drift[j] = spread(limbs.couple, j, state[0, k], reach)[0] * motion.then[k]
+
+
+@inner
+def _drift_of(limbs: Limbs, motion: Motion, a: int, b: int) -> float:
+    """How far points of link b move relative to link a (0: to the world) while joints drift."""
+    moved = 0.0
+    for j in range(motion.drift.shape[0]):
+        moved += limbs.levers[a, b, j] * motion.drift[j]
+    return moved
+
+
+@inner
+def _fastest(movers: Movers) -> float:
+    """A bound on the speed of any point of any mover, metres a second."""
+    fastest, rows = 0.0, movers.rows
+    for o in range(rows.shape[0]):
+        m = movers.moves[o]
+        away = math.sqrt((rows[o, 1] - m[6]) ** 2 + (rows[o, 2] - m[7]) ** 2 + (rows[o, 3] - m[8]) ** 2)
+        turn = (away + rows[o, 16]) * math.sqrt(m[3] ** 2 + m[4] ** 2 + m[5] ** 2)
+        fastest = max(fastest, math.sqrt(m[0] ** 2 + m[1] ** 2 + m[2] ** 2) + turn)
+    return fastest
+
+
+@inner
+def _farthest_drift(limbs: Limbs, motion: Motion) -> float:
+    """The largest motion of any link, in the world or relative to another, while joints drift."""
+    most, links = 0.0, limbs.rows.shape[0]
+    for b in range(1, links):
+        for a in range(b):
+            most = max(most, _drift_of(limbs, motion, a, b))
+    return most
+
+
+@inner
+def _outrun(limbs: Limbs, around: Surroundings, motion: Motion, gaps: Array, length: float) -> float:
+    """The least gap (as `link_gaps` has them) less how far links drift in `length` seconds, and movers with them."""
+    links, least, fastest = limbs.rows.shape[0], 1e9, _fastest(around.movers)
+    for b in range(1, links):
+        moved = _drift_of(limbs, motion, 0, b)
+        least = min(least, gaps[0, b] - moved, gaps[b + 1, b] - moved - fastest * length)
+        for a in range(b):
+            if gaps[a + 1, b] < APART:
+                least = min(least, gaps[a + 1, b] - _drift_of(limbs, motion, a, b))
+    return least
+
+
+@inner
+def measure_at(
+    limbs: Limbs, around: Surroundings, motion: Motion, desk: Desk, t: float, ceiling: float
+) -> float:
+    """Gaps at motion.then, t seconds from now, up to a ceiling, less what is to be kept; the smallest."""
+    put(limbs, motion.then, desk.place)
+    move_obstacles(around.movers, t)
+    smallest = link_gaps(limbs, around.shapes, around.movers, around.skipped, desk.place, ceiling, desk.gaps)
+    for a in range(desk.gaps.shape[0]):
+        for b in range(desk.gaps.shape[1]):
+            desk.gaps[a, b] -= around.keep[0]
+    return float(smallest - around.keep[0])
+
+
+@inner
+def _measure(
+    limbs: Limbs, around: Surroundings, motion: Motion, desk: Desk, state: Array, t: float, period: float,
+    ceiling: float,
+) -> float:  # fmt: skip
+    """Gaps t seconds into the stop from a state, up to a ceiling, less what is to be kept; the smallest."""
+    for k in range(state.shape[1]):
+        motion.then[k] = (
+            state[0, k] + stopping(state[1, k], state[2, k], limbs.rates[1, k], limbs.rates[2, k], t)[0]
+        )
+    return measure_at(limbs, around, motion, desk, period + t, ceiling)
+
+
+@inner
+def drift_of_step(limbs: Limbs, motion: Motion, state: Array, period: float) -> None:
+    """Bounds on how far each joint moves in the step from now to a state, into drift (m,)."""
+    for k in range(state.shape[1]):
+        v, w = motion.now[1, k], state[1, k]
+        turned = period * (abs(v) + abs(w)) if v * w < 0.0 else 0.0
+        motion.then[k] = abs(state[0, k] - motion.now[0, k]) + turned + limbs.rates[2, k] * period**3 / 6.0
+    for j in range(motion.drift.shape[0]):
+        k = limbs.couple.variable[j]
+        steep = spread(limbs.couple, j, state[0, k], motion.then[k])[0]
+        motion.drift[j] = steep * motion.then[k]
+
+
+@inner
+def _step_is_clear(
+    limbs: Limbs, around: Surroundings, motion: Motion, desk: Desk, state: Array, period: float, ceiling: float
+) -> bool:  # fmt: skip
+    """Whether the step to a state, whose gaps have been measured, is clear: from there alone, or from both its ends."""
+    drift_of_step(limbs, motion, state, period)
+    if _outrun(limbs, around, motion, desk.gaps, period) > 0.0:
+        return True
+    desk.gaps_then[:] = desk.gaps
+    for k in range(state.shape[1]):
+        motion.then[k] = motion.now[0, k]
+    measure_at(limbs, around, motion, desk, 0.0, ceiling)
+    for a in range(desk.gaps.shape[0]):
+        for b in range(desk.gaps.shape[1]):
+            desk.gaps[a, b] += desk.gaps_then[a, b]
+    drift_of_step(limbs, motion, state, period)
+    clear = _outrun(limbs, around, motion, desk.gaps, period) > 0.0
+    desk.gaps[:] = desk.gaps_then
+    motion.report[3] += 1.0
+    return clear
+
+
+@inner
+def is_clear(
+    limbs: Limbs, around: Surroundings, motion: Motion, desk: Desk, state: Array, period: float
+) -> bool:
+    """Whether the step to a state and the stop from there are shown to be clear; report[2]: the smallest gap seen."""
+    n, whole = state.shape[1], 0.0
+    for k in range(n):
+        whole = max(whole, stop_time(state[1, k], state[2, k], limbs.rates[1, k], limbs.rates[2, k]))
+    motion.report[5] = whole
+    drift_of_step(limbs, motion, state, period)
+    ceiling = (
+        0.01 + _farthest_drift(limbs, motion) + _fastest(around.movers) * (period + whole) + around.keep[0]
+    )
+    drifts(limbs, state, 0.0, whole, motion)
+    ceiling += _farthest_drift(limbs, motion)
+    smallest = _measure(limbs, around, motion, desk, state, 0.0, period, ceiling)
+    motion.report[3] += 1.0
+    motion.report[2] = smallest
+    if not (smallest > 0.0 and _step_is_clear(limbs, around, motion, desk, state, period, ceiling)):
+        return False
+    t = 0.0
+    while t < whole:
+        length, shown = whole - t, False
+        for _ in range(8):
+            drifts(limbs, state, t, length, motion)
+            if _outrun(limbs, around, motion, desk.gaps, length) > 0.0:
+                shown = True
+                break
+            length *= 0.6
+        if not shown:
+            return False
+        t += length
+        if t >= whole - 1e-9:
+            return True
+        if motion.report[3] >= _MOST_LOOKS:
+            return False
+        motion.report[3] += 1.0
+        found = _measure(limbs, around, motion, desk, state, t, period, ceiling)
+        motion.report[2] = min(motion.report[2], found)
+        if not found > 0.0:
+            return False
+    return True

@@ -1,0 +1,178 @@
+"""`Truth`: what spheres can't tell: pairs of geoms whose spheres overlap though the geoms may be apart.
+
+Spheres are larger than what they cover. Where some of two geoms' spheres overlap as the robot begins, or always, these
+pairs of spheres say nothing, and the compiled model's own distances are asked instead, in every frame.
+"""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workcell.model.collision_model import CollisionModel
+from workcell.motion.live.surroundings import Arms, Obstacles
+from workcell.pose import Array
+
+if TYPE_CHECKING:
+    from workcell.motion.live.kernels.limbs import Limbs
+    from workcell.motion.live.kernels.motion import Motion
+
+Index = NDArray[np.int64]
+_PARTS = (1, 6)
+"""Into how many parts a stop is cut, one try after the other."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """The pairs of one robot that the model is asked about, and on which links of all robots their geoms are."""
+
+    model: CollisionModel
+    links: Index
+
+
+class Truth:
+    """The compiled model's word on the pairs of geoms that the guard's spheres leave open.
+
+    Args:
+        arms: the robots.
+        obstacles: what they may hit.
+        pairs: (p, 2) spheres that the guard keeps apart.
+        covered: (s, k) spheres and standing obstacles that it keeps apart.
+    """
+
+    def __init__(self, arms: Arms, obstacles: Obstacles, pairs: Index, covered: NDArray[np.bool_]) -> None:
+        self._arms = arms
+        kept = np.zeros((len(arms.cover), len(arms.cover)), dtype=np.bool_)
+        kept[pairs[:, 0], pairs[:, 1]] = kept[pairs[:, 1], pairs[:, 0]] = True
+        self._asked = [
+            asked
+            for k in range(len(arms.worlds))
+            if (asked := self._left_open(k, obstacles, kept, covered)) is not None
+        ]
+
+    @property
+    def count(self) -> int:
+        """How many pairs of geoms are asked about in every frame."""
+        return sum(len(asked.links) for asked in self._asked)
+
+    def _left_open(
+        self, arm: int, obstacles: Obstacles, kept: NDArray[np.bool_], covered: NDArray[np.bool_]
+    ) -> _Asked | None:
+        world = self._arms.worlds[arm]
+        parts, of_sphere = self._parts()
+        members = {part: np.flatnonzero(of_sphere == part) for part in range(int(parts.max(initial=0)) + 1)}
+        geoms = np.array([piece.geom for piece in obstacles.standing], dtype=np.int64)
+        moving = {piece.geom for part in obstacles.moving.values() for piece in part}
+        shown: dict[tuple[int, int], bool] = {}
+        left = []
+        for row, (a, b) in enumerate(world.collision.pair_geoms.tolist()):
+            one, other = sorted((int(parts[a]), int(parts[b])), reverse=True)
+            if other >= 0:
+                if (one, other) not in shown:
+                    shown[one, other] = bool(kept[np.ix_(members[one], members[other])].all())
+                if not shown[one, other]:
+                    left.append(row)
+                continue
+            still = a if parts[b] == one else b
+            spheres = members[one]
+            if still in moving:
+                continue
+            pieces = np.flatnonzero(geoms == still)
+            if not (len(pieces) and covered[np.ix_(spheres, pieces)].all()):
+                left.append(row)
+        if not left:
+            return None
+        smaller = world.collision.only(left)
+        return _Asked(smaller, self._links(smaller.pair_geoms))
+
+    def _parts(self) -> tuple[Index, Index]:
+        """(g,) for each geom the part of the robots that it belongs to, a link or what a hand holds, -1 for the others;
+        and (s,) the same for each sphere.
+        """
+        model, links = self._arms.worlds[0].scene.model, self._arms.robot.joint_count + 1
+        of_body = np.full(model.nbody, -1, dtype=np.int64)
+        of_sphere = np.array(self._arms.cover.link)
+        # the robots' bases are parts of their own: link 0 is theirs together
+        for arm, (world, first) in enumerate(zip(self._arms.worlds, self._arms.first_link, strict=True)):
+            mine = self._arms.owner == arm
+            for link, bodies in enumerate(world.robot.link_body_ids):
+                of_body[list(bodies)] = link + first if link else links + 2 * arm
+            of_sphere[mine & (self._arms.cover.link == 0)] = links + 2 * arm
+            if world.attached is not None:
+                of_body[list(world.scene.object(world.attached[0]).body_ids)] = links + 2 * arm + 1
+                names = world.collision.carried_geoms
+                source = self._arms.cover.source
+                held = [k for k in np.flatnonzero(mine) if source and source[k] in names]
+                of_sphere[held] = links + 2 * arm + 1
+        return of_body[model.geom_bodyid], of_sphere
+
+    def _links(self, geoms: Index) -> Index:
+        """(p, 2) links of all robots' tree that carry pairs of geoms, the lower first; 0 for what stands."""
+        model = self._arms.worlds[0].scene.model
+        owner = np.zeros(model.nbody, dtype=np.int64)
+        for world, first in zip(self._arms.worlds, self._arms.first_link, strict=True):
+            for link, bodies in enumerate(world.robot.link_body_ids):
+                owner[list(bodies)] = link + first if link else 0
+            if world.attached is not None:
+                held = world.scene.object(world.attached[0]).body_ids
+                owner[list(held)] = world.robot.robot.tool().link + first
+        return np.sort(owner[model.geom_bodyid[geoms]], axis=1)
+
+    def distance(self, q: Array) -> tuple[float, str]:
+        """The smallest distance of what is asked about at q (n,), and whose; inf where nothing is."""
+        found = [asked.model.distance_at(self._qpos(q)) for asked in self._asked]
+        if not found:
+            return np.inf, ""
+        nearest = min(found, key=lambda one: one.distance)
+        return nearest.distance, " and ".join(nearest.pair)
+
+    def start(self, q: Array) -> None:
+        """Look at where the arms stand (n,)."""
+        self._here = self.distance(q)[0]
+
+    def refuses(self, motion: Motion, limbs: Limbs, period: float) -> str:
+        """Whose distances don't show the next step, and the stop after it, to be clear; empty where they do."""
+        if not self._asked:
+            return ""
+        kernels = importlib.import_module("workcell.motion.live.kernels.frame")
+        refused = ""
+        for parts in _PARTS:
+            q, drifts = np.empty((parts, motion.end.size)), np.empty((parts, limbs.levers.shape[2]))
+            kernels.along_stop(limbs, motion, period, q, drifts)
+            refused = self._not_shown(q, drifts, limbs)
+            if not refused:
+                return ""
+        here = self.distance(motion.now[0])[0]
+        if here <= 0.0 and self.distance(motion.next[0])[0] > here:
+            return ""  # on its way out of a contact
+        return refused
+
+    def _not_shown(self, q: Array, drifts: Array, limbs: Limbs) -> str:
+        for here, drift in zip(q, drifts, strict=True):
+            qpos = self._qpos(here)
+            for asked in self._asked:
+                moved = limbs.levers[asked.links[:, 0], asked.links[:, 1]] @ drift
+                excess, nearest = asked.model.excess_at(qpos, moved)
+                if not excess > 0.0:
+                    return " and ".join(nearest.pair)
+        return ""
+
+    def _qpos(self, q: Array) -> Array:
+        first, *others = self._arms.worlds
+        slices = self._arms.slices
+        qpos = first.collision.full_qpos(q[slices[0]])
+        for world, part in zip(others, slices[1:], strict=True):
+            placed = world.collision.full_qpos(q[part])
+            addresses = world.robot.joint_qpos_addresses
+            qpos[addresses] = placed[addresses]
+            for address, _ in (*world.robot.fingers, *world.robot.riders):
+                qpos[address] = placed[address]
+            if world.attached is not None:
+                at = world.scene.object(world.attached[0]).qpos_address
+                if at is not None:
+                    qpos[at : at + 7] = placed[at : at + 7]
+        return qpos

@@ -1,0 +1,1 @@
+"""Benches of live inverse kinematics: RelaxedIK's tables, guards, other packages beside it."""

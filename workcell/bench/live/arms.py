@@ -1,0 +1,118 @@
+"""The arms of the live benches: scenes, worlds, kernels' arrays, and what tells a singularity from the rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from workcell.bench.live.cells import SIDES, cell
+from workcell.bench.live.traces import Setup
+from workcell.geometry.packing import pack_arm
+from workcell.model.robot import Robot
+from workcell.model.scene import Scene
+from workcell.pose import Array, axis_angle_to_matrix
+from workcell.world.planning_world import PlanningWorld
+
+if TYPE_CHECKING:
+    from workcell.kernels.chain import Arm
+
+SETUPS = (
+    Setup("sawyer", (0.62, 0.16, 0.32), 0.30),
+    Setup("iiwa14", (0.52, 0.0, 0.45), 0.32),
+)
+QUANTILE = 0.025
+"""Of random configurations' conditioning, below which one counts as singular."""
+_SAMPLES = 100_000
+ARM = "arm"
+"""Name of an arm that is alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Arms:
+    """One arm, or two of a kind side by side, in a scene.
+
+    Attributes:
+        setup: how tasks are laid out for it.
+        scene: the compiled scene.
+        names: of the arms in it.
+        robots: their kinematics, bases in their places.
+    """
+
+    setup: Setup
+    scene: Scene
+    names: tuple[str, ...]
+    robots: tuple[Robot, ...]
+
+    @property
+    def dof(self) -> int:
+        """Number of joints of all arms."""
+        return sum(robot.dof for robot in self.robots)
+
+    @property
+    def columns(self) -> tuple[slice, ...]:
+        """Where each arm's joints are in a configuration of all."""
+        ends = np.cumsum([0, *(robot.dof for robot in self.robots)])
+        return tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
+
+    @property
+    def velocity(self) -> Array:
+        """(n,) limits of all joints, radians or metres a second."""
+        return np.concatenate([robot.velocity for robot in self.robots])
+
+    def packed(self) -> list[Arm]:
+        """The kernels' arrays of each arm."""
+        return [pack_arm(robot) for robot in self.robots]
+
+    def worlds(self) -> list[PlanningWorld]:
+        """A planning world for each arm, made once."""
+        return _worlds(self.setup, len(self.names))
+
+
+@lru_cache(maxsize=32)
+def arms_of(setup: Setup, count: int = 1) -> Arms:
+    """One arm, or two."""
+    names = (ARM,) if count == 1 else SIDES
+    bases = {name: setup.base(k, count).tolist() for k, name in enumerate(names)}
+    scene = cell(setup.robot, bases)
+    return Arms(setup, scene, names, tuple(scene.robot(name).robot for name in names))
+
+
+@lru_cache(maxsize=32)
+def _worlds(setup: Setup, count: int) -> list[PlanningWorld]:
+    arms = arms_of(setup, count)
+    return [PlanningWorld.of(arms.scene, name) for name in arms.names]
+
+
+def rest_rotation(robot: Robot) -> Array:
+    """(3, 3) the tool's rotation at rest: as at home, where hands point down, turned up to point forwards."""
+    turned: Array = (
+        axis_angle_to_matrix(np.array([0.0, 1.0, 0.0]), -0.5 * np.pi) @ robot.fk(robot.home).rotation
+    )
+    return turned
+
+
+def conditioning(robot: Robot, q: Array) -> Array:
+    """(...) smallest over largest singular value of the tool's Jacobian at configurations (..., n)."""
+    values = np.linalg.svd(robot.jacobian(q), compute_uv=False)
+    ratio: Array = values[..., -1] / values[..., 0]
+    return ratio
+
+
+_thresholds: dict[str, float] = {}
+
+
+def threshold(robot: Robot) -> float:
+    """The conditioning below which a configuration of the arm counts as singular.
+
+    The paper's mean less two standard deviations stands for the lowest 2.5 % of random configurations, and is below
+    zero on some arms: this is the quantile itself.
+    """
+    if robot.name not in _thresholds:
+        rng = np.random.default_rng(0)
+        ratios = [conditioning(robot, robot.random_configuration(rng, _SAMPLES // 10)) for _ in range(10)]
+        _thresholds[robot.name] = float(np.quantile(np.concatenate(ratios), QUANTILE))
+    return _thresholds[robot.name]

@@ -22,12 +22,17 @@ class LiveFacts:
         dofs: (k) joints of each.
         period: seconds of a frame.
         limits: of all n joints.
+        joints: (n) their names.
+        lower, upper: (n,) their ranges.
     """
 
     names: tuple[str, ...]
     dofs: tuple[int, ...]
     period: float
     limits: LiveLimits
+    joints: tuple[str, ...]
+    lower: Array
+    upper: Array
 
     def joints_of(self, name: str) -> slice:
         """The columns of a robot's joints."""

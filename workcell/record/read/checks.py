@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from workcell.record.read.live import LiveReview
 from workcell.record.read.log import LogLine
 from workcell.record.read.metrics import MetricRow, ObjectRow
 from workcell.record.read.queries import Query
@@ -108,4 +109,24 @@ def planning_checks(
         checks.append(Check("planner", *found))
     if (found := kept_bounds(way_rows(queries))) is not None:
         checks.append(Check("continuity", *found))
+    return tuple(checks)
+
+
+def live_checks(result: Mapping[str, Any], live: LiveReview | None) -> tuple[Check, ...]:
+    """Of tools that followed goals: no jump, no limit and no clearance violated, as many frames as are claimed."""
+    claimed = result.get("live_frames")
+    if live is None:
+        text = f"the run claims {claimed} frames, the recording has none"
+        return (Check("live", False, text),) if claimed else ()
+    checks = [Check("live", live.clean, live.words)]
+    if claimed is not None and claimed != live.frames:
+        text = f"the run claims {claimed} frames, the recording has {live.frames}"
+        checks.append(Check("claimed frames", False, text))
+    claimed = result.get("goal_error_mean_m")
+    shown = max((robot.position_mean for robot in live.robots), default=float("nan"))
+    if isinstance(claimed, (int, float)) and not abs(shown - claimed) <= _AGREEMENT_M:
+        text = (
+            f"the run claims {1e3 * claimed:.3f} mm off on average, the recording shows {1e3 * shown:.3f} mm"
+        )
+        checks.append(Check("claimed errors", False, text))
     return tuple(checks)

@@ -11,22 +11,26 @@ from workcell.record.read.paths import names_of
 from workcell.record.read.reader import Contents
 from workcell.record.read.stage import Stage
 from workcell.record.write.cuboid_use import BY
+from workcell.record.write.live_log import CLEARANCE, ERROR, SECONDS, TURNED
 
 _SCALARS, _NAMES = "Scalars:scalars", "SeriesLines:names"
 
 
 def unit_of(name: str) -> tuple[float, str]:
     """What a metric in SI units is multiplied with to be read, and its unit then; names without their column."""
-    if name in ("clearance", "tracking_error", "closure_error") or name.startswith(BY):
+    lengths = ("clearance", "tracking_error", "closure_error", CLEARANCE)
+    if name in lengths or name.startswith((BY, ERROR)):
         return 1e3, "mm"
-    if name.endswith("_rad"):
+    if name.endswith("_rad") or name.startswith(TURNED):
         return 1e3, "mrad"
+    if name == SECONDS:
+        return 1e3, "ms"
     return 1.0, "rad" if name.startswith("joint_positions") else ""
 
 
 def label_of(name: str) -> str:
     """A metric's name as it is read: the unit stands beside it."""
-    return name.removesuffix("_rad")
+    return name.removesuffix("_rad").replace("_rad/", "/")
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from workcell.errors import RecordingError
-from workcell.record.read.checks import Check, execution_checks, planning_checks
+from workcell.record.read.checks import Check, execution_checks, live_checks, planning_checks
 from workcell.record.read.cuboids import CuboidRow, cuboid_rows, deciding_cuboids
+from workcell.record.read.live import LiveReview, live_review
 from workcell.record.read.log import LogLine, log_lines
 from workcell.record.read.metrics import MetricRow, ObjectRow, Series, metric_rows, metric_series, object_rows
 from workcell.record.read.places import Places, robot_places, shares_of_ways
@@ -46,6 +47,7 @@ class Review:
         cuboids: those that decided where each link could be; empty where none did, or the recording does not tell.
         queries: of inverse kinematics, with the solvers' stages; empty where the recording does not tell.
         places: which ways the robots were on; empty where the recording does not tell.
+        live: of tools that followed goals, what was counted; None: there are none.
         duration: simulated seconds.
         inventory: entity path to (components, rows over time).
         missing: what the file lacks or could not be read.
@@ -65,6 +67,7 @@ class Review:
     cuboids: tuple[CuboidRow, ...]
     queries: tuple[Query, ...]
     places: tuple[Places, ...]
+    live: LiveReview | None
     duration: float
     inventory: Mapping[str, tuple[tuple[str, ...], int]]
     missing: tuple[str, ...]
@@ -145,6 +148,7 @@ class Review:
             "ways": [row.to_json() for row in self.ways],
             "solver_stages": [_finite(asdict(row)) for row in stage_rows(self.queries)],
             "queries": len(self.queries),
+            "live": None if self.live is None else self.live.to_json(),
             "result": dict(self.result),
             "manifest": dict(self.manifest),
             "missing": list(self.missing),
@@ -184,6 +188,8 @@ def review(path: str | Path) -> Review:
     queries = recorded_queries(contents)
     checks = execution_checks(result, metrics, objects, events)
     checks += planning_checks(manifest, result, queries, lost_queries(contents, queries))
+    live = live_review(contents, series, manifest, bool(result.get("nothing_checked")))
+    checks += live_checks(result, live)
     verdict, reason = _verdict(result, checks, damaged=damaged)
     if not contents.sealed and not damaged:
         reason += (
@@ -205,6 +211,7 @@ def review(path: str | Path) -> Review:
         cuboids=cuboid_rows(stage.uses, duration),
         queries=queries,
         places=robot_places(contents),
+        live=live,
         duration=duration,
         inventory=inventory,
         missing=tuple(missing),

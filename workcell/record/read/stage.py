@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,12 +14,15 @@ from workcell.record.render.raster import Surface
 from workcell.record.render.shade import Line
 from workcell.record.render.tessellate import Triangles, tessellate
 from workcell.record.shapes import Shape, ShapeKind
+from workcell.record.write.live_log import TARGETS
 
 _TRANSLATION, _QUATERNION = "Transform3D:translation", "Transform3D:quaternion"
 _PARENT_FRAME, _FRAME, _TF = "Transform3D:parent_frame", "CoordinateFrame:frame", "tf#/"
 _STRIPS = "LineStrips3D:strips"
 _DEEPEST = 100
 _DEFAULT_RGBA = np.array([0.6, 0.6, 0.6, 1.0])
+_AXIS_M = 0.08
+_AXES_RGB = ((0.85, 0.10, 0.10), (0.10, 0.60, 0.10), (0.10, 0.20, 0.85))
 PLAN_RGB, TRACE_RGB = (0.10, 0.40, 0.95), (0.95, 0.45, 0.0)
 
 
@@ -57,6 +60,7 @@ class Stage:
         plans, traces: by robot, or by mechanism and frame: planned points (k, 3); executed (times (T,), points (T, 3)).
         goals: pose by name.
         uses: which cuboids the links are in.
+        targets: by robot, the goals that its tool followed live.
         carriers: by entity path, the entity it is fixed to where that is not the one above it in the path.
     """
 
@@ -67,6 +71,7 @@ class Stage:
     goals: dict[str, Pose]
     carriers: dict[str, str]
     uses: tuple[LinkUse, ...] = ()
+    targets: dict[str, Motion] = field(default_factory=dict)
 
     @staticmethod
     def of(contents: Contents) -> Stage:
@@ -89,7 +94,12 @@ class Stage:
         carriers = {
             path: carrier for path, entity in world.items() if (carrier := _carrier(entity)) is not None
         }
-        return Stage(things, motions, plans, traces, goals, carriers, link_uses(contents))
+        targets = {
+            names[2]: motion
+            for path, motion in motions.items()
+            if (names := names_of(path))[1:2] == [TARGETS]
+        }
+        return Stage(things, motions, plans, traces, goals, carriers, link_uses(contents), targets)
 
     @property
     def times(self) -> Array:
@@ -133,12 +143,14 @@ class Stage:
         return found
 
     def lines(self, time: float) -> list[Line]:
-        """The plan, what of it has been executed, and the goals' axes."""
+        """The plan, what of it has been executed, and goals that are followed: their way, and their axes now."""
         lines = [Line(points, PLAN_RGB, 1.6) for points in self.plans.values() if len(points) > 1]
         for times, points in self.traces.values():
             done = points[times <= time + 1e-9]
             if len(done) > 1:
                 lines.append(Line(done, TRACE_RGB, 2.6))
+        for target in self.targets.values():
+            lines += _target_lines(target, time)
         return lines
 
     def object_paths(self) -> dict[str, str]:
@@ -149,6 +161,20 @@ class Stage:
             if names[1:2] == ["objects"] and len(names) == 5 and names[3] == "visual":
                 paths.setdefault(names[2], path)
         return paths
+
+
+def _target_lines(target: Motion, time: float) -> list[Line]:
+    """Where a goal that moves was told to be until now, and its axes."""
+    known = target.times <= time + 1e-9
+    if not known.any():
+        return []
+    pose, lines = target.at(time), []
+    if known.sum() > 1:
+        lines.append(Line(target.positions[known], PLAN_RGB, 1.6))
+    for k in range(3):
+        ends = np.stack([pose.position, pose.position + _AXIS_M * pose.rotation[:, k]])
+        lines.append(Line(ends, _AXES_RGB[k], 2.6))
+    return lines
 
 
 def _whose(names: list[str]) -> str:

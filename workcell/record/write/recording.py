@@ -21,6 +21,7 @@ from workcell.ik.observing import observed
 from workcell.ik.problem import IKProblem
 from workcell.ik.result import IKResult
 from workcell.pose import Array
+from workcell.record.write.live_log import LiveLog
 from workcell.record.write.rrd import writing
 from workcell.record.write.scene_log import CLOSURE_ERROR, SceneLog
 from workcell.record.write.solver_log import SolverLog
@@ -78,6 +79,7 @@ class Recording(SceneLog):
             self.path.parent.mkdir(parents=True, exist_ok=True)
         super().__init__(self.partial_path, task, seed, planner)
         self._solvers = SolverLog(self._writer)
+        self._live = LiveLog(self._writer, self._step)
         self._period = 1.0 / frame_rate
         self._buffer = _Buffer()
         self._next_frame, self._last_time = -np.inf, 0.0
@@ -125,6 +127,8 @@ class Recording(SceneLog):
             metrics |= {CLOSURE_ERROR: chunk.closure_error}
         self.log_states(chunk.time, chunk.qpos, metrics)
         self.log_nearest(chunk.time, chunk.clearance_points)
+        for frames in chunk.live:
+            self._live.log(frames)
         for event in chunk.events:
             self.event(event.time, event.text, event.level)
         for contact in chunk.contacts:

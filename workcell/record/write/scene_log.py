@@ -341,5 +341,6 @@ def _describe(robot: SceneRobot) -> dict[str, Any]:
         "joints": chain.joint_names,
         "lower": chain.lower,
         "upper": chain.upper,
+        "velocity": chain.velocity,
         "tool": chain.default_tool,
     }

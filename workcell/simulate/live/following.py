@@ -123,14 +123,21 @@ class Follower(Stepper):
                 where="live",
                 remedy=f"a multiple of {self.timestep:g} s",
             )
-        q = np.zeros(len(live.limits.velocity))
+        q, robots = np.zeros(len(live.limits.velocity)), [self.arm(name).robot.robot for name in live.names]
         for name in live.names:
             arm, columns = self.arm(name), live.columns(name)
             if columns.stop - columns.start != arm.robot.robot.dof:
                 raise InputError(f"it has other joints than {name} has here", where="live")
             q[columns] = arm.reference
-        dofs = tuple(self.arm(name).robot.robot.dof for name in live.names)
-        facts = LiveFacts(tuple(live.names), dofs, live.period, live.limits)
+        facts = LiveFacts(
+            tuple(live.names),
+            tuple(robot.dof for robot in robots),
+            live.period,
+            live.limits,
+            tuple(joint for robot in robots for joint in robot.joint_names),
+            np.concatenate([robot.lower for robot in robots]),
+            np.concatenate([robot.upper for robot in robots]),
+        )
         return _Order(live, facts, steps, Feed(q, steps, self.timestep), Telling(self.log, live.period), q)
 
     def _tick(self, order: _Order, told: Goals | Stamped, warnings: list[str]) -> bool:
@@ -164,12 +171,8 @@ class Follower(Stepper):
         over = np.abs(step.q - order.q) - most * (1 + 1e-6) - 1e-9
         worst = int(np.argmax(over))
         if over[worst] > 0:
-            name = next(
-                f"{name}/{self.arm(name).robot.robot.joint_names[worst - columns.start]}"
-                for name in order.facts.names
-                if (columns := order.facts.joints_of(name)).start <= worst < columns.stop
-            )
-            order.telling.jump(name, float(abs(step.q[worst] - order.q[worst])), float(most[worst]))
+            joint = order.facts.joints[worst]
+            order.telling.jump(joint, float(abs(step.q[worst] - order.q[worst])), float(most[worst]))
 
     # ---- what moves -------------------------------------------------------------------------------------------------
 

@@ -224,7 +224,8 @@ def _apart(orders: Sequence[LiveOrder]) -> int:
 def _executed_jumps(executed: Series, orders: Sequence[LiveOrder], about: Mapping[str, Any]) -> int:
     """Recorded poses that a joint can't have come to from the one before.
 
-    Looked at is what lies between the beginning of the first order and the end of the last. Between orders a robot may move as fast as its own limits let it.
+    Looked at is what lies between the beginning of the first order and the end of the last. Between orders a robot may
+    move as fast as its own limits let it.
     """
     first, last = executed.times[:-1], executed.times[1:]
     fastest = np.max([order.bounds[0] for order in orders], axis=0)

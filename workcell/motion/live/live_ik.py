@@ -66,7 +66,7 @@ class LiveIK:
 
     Attributes:
         robot: the robots as one tree, or the only one itself.
-        names: the robots' names; limits, period, margin: as given.
+        names: the robots' names; limits, period, margin, moving: as given.
         least_conditioning: (k,) below which a tool counts as singular.
 
     Raises:
@@ -102,7 +102,7 @@ class LiveIK:
             if not valid:
                 raise InputError(f"{name} is {value}", where=name, remedy="see LiveIK")
         self.period, self.margin, self._deadline, self._stale = period, margin, deadline_s, stale_s
-        self._weights, self._loss = weights, loss
+        self._weights, self._loss, self.moving = weights, loss, tuple(moving)
         self.limits = limits or _own_limits(self.robot)
         if len(self.limits.velocity) != self.robot.dof:
             raise InputError(

@@ -26,7 +26,7 @@ class StandIn:
         return slice(0, self.robot.dof)
 
     def reset(self, q):
-        self.q, self.qd = np.array(q), np.zeros(self.robot.dof)
+        self.q, self.qd, self.qdd = np.array(q), np.zeros(self.robot.dof), np.zeros(self.robot.dof)
         self.resets.append(np.array(q))
 
     def place(self, name, pose, velocity=None, angular_velocity=None):
@@ -40,10 +40,12 @@ class StandIn:
         wanted, status = np.zeros(self.robot.dof), "NO_GOAL"
         if pose is not None:
             wanted, status = 4.0 * self._towards(pose), "MOVING"
-        most = self.limits.acceleration * self.period
         wanted = np.clip(wanted, -self.limits.velocity, self.limits.velocity)
-        self.qd = self.qd + np.clip(wanted - self.qd, -most, most)
-        self.q = self.q + self.period * self.qd
+        most, jerk, T = self.limits.acceleration, self.limits.jerk, self.period
+        towards = np.clip((wanted - self.qd) / (4 * T), -most, most)
+        j = np.clip((towards - self.qdd) / T, -jerk, jerk)
+        self.q = self.q + T * (self.qd + T * (self.qdd / 2 + T * j / 6))
+        self.qd, self.qdd = self.qd + T * (self.qdd + T * j / 2), self.qdd + T * j
         errors = self.robot.fk(self.q).error_to(pose) if pose is not None else (0.0, 0.0)
         values = {
             "q": self.q,

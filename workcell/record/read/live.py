@@ -242,14 +242,12 @@ def _executed_jumps(executed: Series, orders: Sequence[LiveOrder], about: Mappin
 
 
 def _astray(executed: Series, order: LiveOrder) -> int:
-    """Recorded poses that are not between the frames around them.
-
-    Joints go half a frame behind the frames, along a curve whose control points these are.
-    """
+    """Recorded poses that are not between the frames around them, but for what a joint's acceleration makes of it."""
     during = (executed.times >= order.times[0] - 1e-6) & (executed.times <= order.times[-1] + 1e-6)
     ahead = np.searchsorted(order.times, executed.times[during] - 1e-6)
-    near = np.stack([order.q[np.clip(ahead - back, 0, len(order.q) - 1)] for back in range(3)])
-    low, high = near.min(axis=0) - _TRACKED, near.max(axis=0) + _TRACKED
+    near = np.stack([order.q[np.clip(ahead - back, 0, len(order.q) - 1)] for back in range(2)])
+    bent = np.minimum(order.bounds[1] * order.period**2 / 8, order.bounds[0] * order.period / 2) + _TRACKED
+    low, high = near.min(axis=0) - bent, near.max(axis=0) + bent
     values = executed.values[during]
     return int((~((values >= low) & (values <= high))).any(axis=1).sum())
 

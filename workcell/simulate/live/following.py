@@ -72,7 +72,7 @@ class Follower(Stepper):
         """Follow goals for some time, then come to rest where the arms are.
 
         `live` is asked at every tick of its period, is told where what moves is, and begins at rest where the
-        references of its arms stand. What it answers is each arm's reference, half a period later (see `Feed`).
+        references of its arms stand. What it answers is each arm's reference (see `Feed`).
         Every frame is logged with its goals, errors and terms; statuses and guards are told as they change. All
         other guards of the simulation stay in force. Robots that `live` doesn't move hold their place.
 
@@ -159,7 +159,7 @@ class Follower(Stepper):
         return True
 
     def _references(self, order: _Order) -> dict[str, Reference]:
-        fed, references = order.feed.to(order.q), self._still()
+        fed, references = order.feed.to(order.q, order.live.qd, order.live.qdd), self._still()
         for name in order.facts.names:
             joints = order.facts.joints_of(name)
             q, qd, qdd = (values[:, joints] for values in fed)

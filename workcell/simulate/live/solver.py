@@ -41,6 +41,16 @@ class LiveSolver(Protocol):
         """Of all joints."""
         ...
 
+    @property
+    def qd(self) -> Array:
+        """(n,) velocities at the end of the last tick."""
+        ...
+
+    @property
+    def qdd(self) -> Array:
+        """(n,) accelerations then."""
+        ...
+
     def columns(self, robot_name: str) -> slice:
         """Where a robot's joints stand among all."""
         ...

@@ -36,6 +36,7 @@ _PROVIDERS = (
     "workcell.bench.motion.timing",
     "workcell.bench.runs.tasks",
     "workcell.bench.motion.tool_paths",
+    "workcell.bench.live.relaxed",
     "workcell.bench.geometry.clearance",
     "workcell.bench.geometry.covers",
     "workcell.bench.geometry.free_space",

@@ -21,9 +21,15 @@ if TYPE_CHECKING:
     from workcell.kernels.chain import Arm
 
 SETUPS = (
-    Setup("sawyer", (0.62, 0.16, 0.32), 0.30),
-    Setup("iiwa14", (0.52, 0.0, 0.45), 0.32),
+    Setup("fanuc_lrmate200ic", (0.51, 0.0, 0.21), (0.24, 0.0, 0.645), 0.22, in_plane=True),
+    Setup("ur5", (0.68, 0.0, 0.09), (0.62, 0.0, 0.15), 0.30, apart=0.9),
+    Setup("jaco", (0.68, 0.0, 0.27), (0.31, 0.0, 0.32), 0.22, pace=4.0),
+    Setup("sawyer", (0.74, 0.16, 0.48), (0.67, 0.0, -0.02), 0.32, apart=0.9),
+    Setup("iiwa7", (0.63, 0.0, 0.25), (0.29, 0.04, 0.78), 0.26),
+    Setup("hubo_arm", (0.58, -0.24, 0.56), (0.44, -0.29, 0.37), 0.22, side=-0.24),
+    Setup("hubo_waist_arm", (0.77, -0.24, 0.46), (0.52, -0.34, 0.39), 0.32, side=-0.24),
 )
+"""The paper's seven arms. Centres were looked for with point IK; circles are about 3/4 of the largest it can follow."""
 QUANTILE = 0.025
 """Of random configurations' conditioning, below which one counts as singular."""
 _SAMPLES = 100_000
@@ -88,10 +94,17 @@ def _worlds(setup: Setup, count: int) -> list[PlanningWorld]:
 
 
 def rest_rotation(robot: Robot) -> Array:
-    """(3, 3) the tool's rotation at rest: as at home, where hands point down, turned up to point forwards."""
-    turned: Array = (
-        axis_angle_to_matrix(np.array([0.0, 1.0, 0.0]), -0.5 * np.pi) @ robot.fk(robot.home).rotation
-    )
+    """(3, 3) the tool's rotation at rest: as at home, turned the shortest way until the hand points forwards.
+
+    The hand points along the tool's z axis, or against it, whichever leads away from the last link.
+    """
+    home, offset = robot.fk(robot.home).rotation, robot.tool().T_link_tool
+    away = -1.0 if (offset.rotation.T @ offset.position)[2] < -1e-6 else 1.0
+    pointing = away * home[:, 2]
+    across = np.cross(pointing, [1.0, 0.0, 0.0])
+    sine = float(np.linalg.norm(across))
+    axis = across / sine if sine > 1e-9 else np.array([0.0, 0.0, 1.0])
+    turned: Array = axis_angle_to_matrix(axis, np.arctan2(sine, pointing[0])) @ home
     return turned
 
 

@@ -21,11 +21,16 @@ class Contacts:
     Args:
         scene: the compiled scene.
         names: of its robots, in the order of configurations.
+        own: whether an arm's distances to itself count.
+        limit: metres beyond which distances count as this.
     """
 
-    def __init__(self, scene: Scene, names: tuple[str, ...]) -> None:
-        self._scene = scene
-        self._models = [CollisionModel(scene, name) for name in names]
+    def __init__(
+        self, scene: Scene, names: tuple[str, ...], *, own: bool = True, limit: float = LIMIT
+    ) -> None:
+        self._scene, self._limit = scene, limit
+        models = [CollisionModel(scene, name) for name in names]
+        self._models = models if own else [model.without_own() for model in models]
         self._robots = [scene.robot(name) for name in names]
         self._qpos = np.array(scene.initial_qpos())
 
@@ -41,7 +46,7 @@ class Contacts:
             robot.place(self._qpos, q[first : first + robot.robot.dof])
             first += robot.robot.dof
         models = self._models if arm is None else [self._models[arm]]
-        return min(model.distance_at(self._qpos, limit=LIMIT).distance for model in models)
+        return min(model.distance_at(self._qpos, limit=self._limit).distance for model in models)
 
 
 class OwnContacts(Contacts):

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 
 from workcell.bench.live.arms import Arms
 from workcell.bench.live.measures import Run
-from workcell.bench.live.traces import Trace
+from workcell.bench.live.traces import PERIOD, Trace
 from workcell.pose import Array, Pose
 
 
@@ -57,6 +57,24 @@ class PointIK:
         return q
 
 
+class Live:
+    """`LiveIK`, as `settings` make it."""
+
+    def __init__(self, arms: Arms, settings: Mapping[str, Any]) -> None:
+        from workcell.motion.live.live_ik import LiveIK
+
+        self._names = arms.names
+        self._live = LiveIK(arms.worlds(), **{"period": PERIOD, **settings})
+
+    def reset(self, q: Array) -> None:
+        """Stand still at q (n,)."""
+        self._live.reset(q)
+
+    def step(self, goals: Sequence[Pose]) -> Array:
+        """Its step."""
+        return self._live.step(dict(zip(self._names, goals, strict=True))).q
+
+
 def drive(follower: Follower, trace: Trace, start: Array) -> Run:
     """A run along a trace from q (n,), with the CPU time of every frame."""
     frames = [trace.goals(k) for k in range(len(trace))]
@@ -67,6 +85,7 @@ def drive(follower: Follower, trace: Trace, start: Array) -> Run:
         begun = time.process_time()
         q = follower.step(goals)
         seconds[k] = time.process_time() - begun
-        unanswered += q is None
-        way[k + 1] = way[k] if q is None else q
+        answered = q is not None and bool(np.all(np.isfinite(q)))
+        unanswered += not answered
+        way[k + 1] = q if answered else way[k]
     return Run(way, seconds, unanswered)

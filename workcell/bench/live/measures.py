@@ -145,8 +145,16 @@ def summary(name: str, runs: Sequence[Measured], paper: Paper | None = None, **e
         row[column] = int(sum(np.count_nonzero(getattr(run, field)) for run in runs))
         row[f"paper_{column}"] = None if paper is None else getattr(paper, published)
     seconds = np.concatenate([run.seconds for run in runs])
+    row["worse_than_paper"] = None if paper is None else _worse(row)
     row["unanswered"] = int(sum(run.unanswered for run in runs))
     row["frame_ms_mean"] = 1e3 * float(seconds.mean())
     row["frame_ms_p99.9"] = 1e3 * float(np.quantile(seconds, 0.999))
     row["paper_frame_ms"] = None if paper is None or paper.seconds is None else 1e3 * paper.seconds
     return {**row, **extra}
+
+
+def _worse(row: Row) -> str:
+    """The measures in which a row is worse than the published one beside it."""
+    columns = [column for column, _ in _MEANS] + [column for column, _, _ in _EVENTS]
+    pairs = ((column, row[column], row[f"paper_{column}"]) for column in columns)
+    return ", ".join(column for column, own, published in pairs if published is not None and own > published)

@@ -30,18 +30,22 @@ class Setup:
     Attributes:
         robot: its model.
         centre: (3,) of the paths, metres from the base.
+        turning: (3,) where the hand turns without moving.
         size: metres, the circle's radius.
         pace: by which the paths take longer, where the joints are slow.
         apart: metres between the bases of two arms, side by side.
+        side: metres by which the arm's shoulder is to the left of its base.
         in_plane: the hand can't leave the vertical plane through the base's axis that its tool is in, as with five
             joints: goals are turned about the vertical until they are in it.
     """
 
     robot: str
     centre: tuple[float, float, float]
+    turning: tuple[float, float, float]
     size: float
     pace: float = 1.0
     apart: float = 0.7
+    side: float = 0.0
     in_plane: bool = False
 
     def base(self, arm: int, arms: int) -> Array:
@@ -101,7 +105,8 @@ def trace(task: str, setup: Setup, rest: Array) -> Trace:
     for arm, path in enumerate(paths):
         base = setup.base(arm, len(paths))
         # two hands work in the middle between the bases
-        middle = np.array([setup.centre[0], 0.0 if len(paths) > 1 else setup.centre[1], setup.centre[2]])
+        middle = np.array(setup.turning if task == "rotations" else setup.centre)
+        middle[1] = setup.side if len(paths) > 1 else middle[1]
         places = middle + setup.size * path.places
         turns = path.turns
         if setup.in_plane:

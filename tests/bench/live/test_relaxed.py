@@ -1,0 +1,41 @@
+"""RelaxedIK's tables: what their rows hold, for one arm at one task, and what keeps an arm from a path."""
+
+import pytest
+
+from workcell.bench.live.arms import SETUPS
+from workcell.bench.live.cases import case_of, table
+from workcell.bench.live.paper import GROOVE_A, TRAC_IK
+from workcell.bench.live.relaxed import live, point_ik
+from workcell.bench.live.starts import Way
+
+BY_NAME = {setup.robot: setup for setup in SETUPS}
+
+
+def test_rows_are_of_all_cases_of_those_that_can_be_followed_and_of_each():
+    case = case_of(BY_NAME["hubo_arm"], "circle")
+    makers, papers = {"A": live(), "point-ik": point_ik()}, {"A": GROOVE_A, "point-ik": TRAC_IK}
+    rows = {row["row"]: row for row in table(makers, papers, 1, 0, [case])}
+    assert list(rows) == [
+        *("all/A", "reached/A", "all/point-ik", "reached/point-ik"),
+        *("hubo_arm/circle/A", "hubo_arm/circle/point-ik"),
+    ]
+    ours, point = rows["reached/A"], rows["hubo_arm/circle/point-ik"]
+    assert ours["frames"] == point["frames"] == 441
+    assert ours["paper_position_error_m"] == 0.0047 and point["paper_discontinuities"] == 2260
+    assert ours["unanswered"] == ours["singularities"] == ours["self_collisions"] == 0
+    assert ours["joint_acceleration"] < point["joint_acceleration"]
+    assert point["reached"] and point["in_the_way"] == "" and point["position_error_m"] < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("way", "said"),
+    [
+        (Way(None, 0.02, 0.5, 2.0, 0.01, 0.25), "25 % of its poses are out of reach"),
+        (Way(None, 0.02, 0.5, 2.0, 0.01), "no way without a gap of 20.0 mm was found"),
+        (Way(None, 0.0, 1.5, 2.0, 0.01), "1.5 times as fast as the joints"),
+        (Way(None, 0.0, 0.5, 0.9, 0.01), "through a singularity"),
+        (Way(None, 0.0, 0.5, 2.0, -0.01), "through itself"),
+    ],
+)
+def test_what_keeps_an_arm_from_a_path_is_said(way, said):
+    assert not way.reached and way.obstacle == said

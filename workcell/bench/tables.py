@@ -37,6 +37,7 @@ _PROVIDERS = (
     "workcell.bench.runs.tasks",
     "workcell.bench.motion.tool_paths",
     "workcell.bench.live.relaxed",
+    "workcell.bench.live.guards",
     "workcell.bench.geometry.clearance",
     "workcell.bench.geometry.covers",
     "workcell.bench.geometry.free_space",

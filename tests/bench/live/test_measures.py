@@ -10,6 +10,7 @@ from workcell.bench.live.cells import Obstacle, cell
 from workcell.bench.live.contacts import Contacts, OwnContacts
 from workcell.bench.live.followers import PointIK, drive
 from workcell.bench.live.measures import Paper, Run, differences, measure, summary
+from workcell.bench.live.touching import Touching
 from workcell.bench.live.traces import PERIOD, Trace
 from workcell.pose import Pose
 
@@ -36,7 +37,7 @@ def test_errors_and_events_are_those_that_were_made():
     q[4:, 2] += 1.5 * robot.velocity[2] * PERIOD
     poses = [robot.fk(row) for row in q[1:]]
     quats = np.array([pose.quat_wxyz for pose in poses])
-    positions = np.array([pose.position for pose in poses]) + [0.0, 0.003, 0.004]
+    positions = np.array([pose.position + np.array([0.0, 0.003, 0.004]) for pose in poses])
     trace = Trace("made", positions[None], quats[None])
     found = measure(arms, trace, Run(q, np.full(frames, 1e-3)))
     assert found.position == pytest.approx(0.005)
@@ -69,13 +70,14 @@ def test_contacts_are_mujoco_s():
             Obstacle("ball", (0.08,), (0.4, 0.5, 0.6), moves=True),
         ],
     )
-    contacts, robot = Contacts(scene, (ARM,)), scene.robot(ARM)
+    contacts, judge, robot = Contacts(scene, (ARM,)), Touching(scene, (ARM,)), scene.robot(ARM)
     model, data = scene.model, mujoco.MjData(scene.model)
     rng, met = np.random.default_rng(1), 0
     for _ in range(60):
         q = robot.robot.random_configuration(rng)
         ball = Pose(rng.uniform(-0.6, 0.6, 3), np.array([1.0, 0.0, 0.0, 0.0]))
         contacts.place({"ball": ball})
+        judge.place({"ball": ball})
         data.qpos[:] = scene.initial_qpos()
         robot.place(data.qpos, q)
         scene.object("ball").place(data.qpos, ball)
@@ -85,7 +87,11 @@ def test_contacts_are_mujoco_s():
             one.dist < -1e-6 and {int(model.geom_bodyid[g]) for g in one.geom} & arm for one in data.contact
         )
         met += touching
-        assert (contacts.distance(q) < 0.0) == touching
+        assert (contacts.distance(q) < 0.0) == touching == bool(judge.pairs(q))
+        to_ball = contacts.distance_to("ball", q)
+        assert to_ball >= contacts.distance(q) and (to_ball < 0.0) == any(
+            "ball" in " ".join(pair) for pair in judge.pairs(q)
+        )
     assert 5 < met < 55
 
 

@@ -8,10 +8,10 @@ from functools import lru_cache
 from typing import Any
 
 from workcell.bench.live.arms import SETUPS, Arms, arms_of, rest_rotation
-from workcell.bench.live.contacts import OwnContacts
 from workcell.bench.live.followers import Follower, drive
 from workcell.bench.live.measures import Measured, Paper, measure, summary
 from workcell.bench.live.starts import Way, best_way, random_starts
+from workcell.bench.live.touching import Touching
 from workcell.bench.live.traces import TASKS, Setup, Trace, trace
 from workcell.bench.rows import Row
 from workcell.pose import Array
@@ -58,12 +58,12 @@ def cases(setups: Sequence[Setup] = SETUPS, tasks: Sequence[str] = tuple(TASKS))
 
 def run_case(case: Case, make: Maker, n: int, seed: int) -> list[Measured]:
     """n runs of a case by one follower, which is asked once before anything is measured."""
-    contacts, follower = OwnContacts(case.arms), make(case.arms)
+    touching, follower = Touching(case.arms.scene, case.arms.names), make(case.arms)
     starts = case.starts(n, seed)
     if starts:
         follower.reset(starts[0])
         follower.step(case.trace.goals(0))
-    return [measure(case.arms, case.trace, drive(follower, case.trace, start), contacts) for start in starts]
+    return [measure(case.arms, case.trace, drive(follower, case.trace, start), touching) for start in starts]
 
 
 def table(

@@ -1,4 +1,4 @@
-"""Scenes of the live benches: an arm, or two of a kind side by side, among boxes and spheres that stand or move."""
+"""Scenes of the live benches: an arm, or two of a kind side by side, among shapes that stand or move."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ SIDES = ("left", "right")
 
 @dataclass(frozen=True, slots=True)
 class Obstacle:
-    """A box or a sphere.
+    """A box, a capsule or a sphere.
 
     Attributes:
         name: of its body, and of the object where it moves.
-        size: three half edges, or one radius, metres.
+        size: three half edges, a radius and half a length, or one radius, metres.
         position: (3,) metres, where it stands, or begins.
         quat_wxyz: how it is turned.
         moves: whether it is moved from outside.
@@ -35,7 +35,7 @@ class Obstacle:
     @property
     def geom(self) -> str:
         """Its MJCF element."""
-        kind = "sphere" if len(self.size) == 1 else "box"
+        kind = ("sphere", "capsule", "box")[len(self.size) - 1]
         return f'<geom name="{self.name}" type="{kind}" size="{_told(self.size)}" mass="1"/>'
 
 

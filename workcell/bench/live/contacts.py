@@ -32,6 +32,7 @@ class Contacts:
         models = [CollisionModel(scene, name) for name in names]
         self._models = models if own else [model.without_own() for model in models]
         self._robots = [scene.robot(name) for name in names]
+        self._to: dict[str, list[CollisionModel]] = {}
         self._qpos = np.array(scene.initial_qpos())
 
     def place(self, things: Mapping[str, Pose]) -> None:
@@ -41,11 +42,23 @@ class Contacts:
 
     def distance(self, q: Array, arm: int | None = None) -> float:
         """Metres at a configuration (n,) of all arms, negative where something touches; of one arm, or of all."""
+        return self._least(q, self._models if arm is None else [self._models[arm]])
+
+    def distance_to(self, name: str, q: Array) -> float:
+        """Metres from all arms at a configuration (n,) to one object."""
+        if name not in self._to:
+            bodies = self._scene.object(name).body_ids
+            self._to[name] = [
+                model.between(robot.body_ids, bodies)
+                for model, robot in zip(self._models, self._robots, strict=True)
+            ]
+        return self._least(q, self._to[name])
+
+    def _least(self, q: Array, models: list[CollisionModel]) -> float:
         first = 0
         for robot in self._robots:
             robot.place(self._qpos, q[first : first + robot.robot.dof])
             first += robot.robot.dof
-        models = self._models if arm is None else [self._models[arm]]
         return min(model.distance_at(self._qpos, limit=self._limit).distance for model in models)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.bench.live.arms import Arms, conditioning, threshold
-from workcell.bench.live.contacts import OwnContacts
+from workcell.bench.live.touching import Touching
 from workcell.bench.live.traces import PERIOD, Trace
 from workcell.bench.rows import Row
 from workcell.pose import Array, quat_to_matrix, rotation_vector
@@ -66,9 +66,9 @@ class Measured:
     unanswered: int
 
 
-def measure(arms: Arms, trace: Trace, run: Run, contacts: OwnContacts | None = None) -> Measured:
-    """All measures of a run; `contacts` to be asked, where they have been made already."""
-    q, checked = run.q[1:], contacts or OwnContacts(arms)
+def measure(arms: Arms, trace: Trace, run: Run, touching: Touching | None = None) -> Measured:
+    """All measures of a run; `touching` to be asked, where they have been made already."""
+    q, checked = run.q[1:], touching or Touching(arms.scene, arms.names)
     position, rotation, rates = [], [], []
     singular = np.zeros(len(q), dtype=bool)
     for k, (robot, columns) in enumerate(zip(arms.robots, arms.columns, strict=True)):
@@ -89,7 +89,7 @@ def measure(arms: Arms, trace: Trace, run: Run, contacts: OwnContacts | None = N
         jerk=jerk,
         discontinuity=np.any(steps > _SLACK * PERIOD * arms.velocity, axis=1),
         singular=singular,
-        collision=np.array([checked.distance(one) < 0.0 for one in q]),
+        collision=np.array([bool(checked.pairs(one)) for one in q]),
         seconds=run.seconds,
         unanswered=run.unanswered,
     )

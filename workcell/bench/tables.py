@@ -38,6 +38,8 @@ _PROVIDERS = (
     "workcell.bench.motion.tool_paths",
     "workcell.bench.live.relaxed",
     "workcell.bench.live.guards",
+    "workcell.bench.live.peers",
+    "workcell.bench.live.timing",
     "workcell.bench.geometry.clearance",
     "workcell.bench.geometry.covers",
     "workcell.bench.geometry.free_space",

@@ -97,6 +97,16 @@ def after(x: float, v: float, a: float, jerk: float, period: float) -> State:
 
 
 @inner
+def _keeps(
+    v: float, a: float, after: State, top: float, fastest: float, most: float, jerk: float, rate: float
+) -> bool:
+    """Whether the velocity stays below its limit in the period of a constant jerk `rate`, and `fits` holds after it."""
+    x, w, b = after
+    peak = v - a * a / (2.0 * rate) if a > 0.0 > b else v
+    return peak <= fastest and fits(x, w, b, top, fastest, most, jerk)
+
+
+@inner
 def highest_jerk(
     x: float, v: float, a: float, top: float, fastest: float, most: float, jerk: float, period: float
 ) -> float:
@@ -108,16 +118,13 @@ def highest_jerk(
     low = max(-jerk, (-most - a) / period)
     if low > high:
         return math.nan
-    y, w, b = after(x, v, a, high, period)
-    if fits(y, w, b, top, fastest, most, jerk):
+    if _keeps(v, a, after(x, v, a, high, period), top, fastest, most, jerk, high):
         return high
-    y, w, b = after(x, v, a, low, period)
-    if not fits(y, w, b, top, fastest, most, jerk):
+    if not _keeps(v, a, after(x, v, a, low, period), top, fastest, most, jerk, low):
         return math.nan
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        y, w, b = after(x, v, a, middle, period)
-        if fits(y, w, b, top, fastest, most, jerk):
+        if _keeps(v, a, after(x, v, a, middle, period), top, fastest, most, jerk, middle):
             low = middle
         else:
             high = middle

@@ -30,6 +30,10 @@ if TYPE_CHECKING:
     from workcell.model.mechanism.mechanism import Mechanism
     from workcell.model.robot import Robot
     from workcell.model.scene import Scene
+    from workcell.motion.live.goals import LiveGoal
+    from workcell.motion.live.limits import LiveLimits
+    from workcell.motion.live.live_ik import LiveIK
+    from workcell.motion.live.stream_file import read_stream
     from workcell.motion.mechanisms.follow import FrameWaypoint, MechanismSteps
     from workcell.motion.path import Path, Trajectory
     from workcell.motion.teams.team import Team
@@ -86,6 +90,10 @@ _HOMES = {
     "mechanism_of": "model.mechanism.from_model",
     "Held": "world.mechanism_world",
     "MechanismWorld": "world.mechanism_world",
+    "LiveGoal": "motion.live.goals",
+    "LiveIK": "motion.live.live_ik",
+    "LiveLimits": "motion.live.limits",
+    "read_stream": "motion.live.stream_file",
     "FrameWaypoint": "motion.mechanisms.follow",
     "MechanismSteps": "motion.mechanisms.follow",
     "Job": "task.job",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,6 +162,38 @@ def frames_of(rows: Sequence[LiveFrame]) -> tuple[LiveFrames, ...]:
         else:
             groups.append([row])
     return tuple(_gathered(group) for group in groups)
+
+
+def summary_of(parts: Sequence[LiveFrames]) -> dict[str, Any]:
+    """What a run says of its frames: how many, jumps, statuses, and how far off its goals the worst tool was."""
+    robots = [
+        _errors_of(parts, name) for name in dict.fromkeys(n for part in parts for n in part.facts.names)
+    ]
+    counts: dict[str, int] = {}
+    for part in parts:
+        for name, count in part.counts().items():
+            counts[name] = counts.get(name, 0) + count
+    found: dict[str, Any] = {
+        "live_frames": max((frames for frames, _ in robots), default=0),
+        "live_jumps": sum(part.jumps for part in parts),
+        "live_statuses": counts,
+    }
+    known = [errors for _, errors in robots if len(errors)]
+    for column, unit in enumerate(("m", "rad")):
+        if known:
+            found[f"goal_error_mean_{unit}"] = max(float(errors[:, column].mean()) for errors in known)
+            found[f"goal_error_max_{unit}"] = max(float(errors[:, column].max()) for errors in known)
+    return found
+
+
+def _errors_of(parts: Sequence[LiveFrames], name: str) -> tuple[int, Array]:
+    """How many frames a robot has, and (E, 2) its tool's errors in those with a goal."""
+    mine = [(part, part.facts.names.index(name)) for part in parts if name in part.facts.names]
+    errors = np.concatenate(
+        [np.stack([part.position_error[:, k], part.rotation_error[:, k]], axis=1) for part, k in mine]
+    )
+    known: Array = errors[np.isfinite(errors).all(axis=1)]
+    return sum(len(part) - 1 for part, _ in mine), known
 
 
 def joined(parts: Sequence[LiveFrames]) -> tuple[LiveFrames, ...]:

@@ -17,6 +17,7 @@ from workcell.pose import Array
 from workcell.record.read.checks import MOST_MISSED
 from workcell.record.write.recording import Recording
 from workcell.simulate.execution import Execution
+from workcell.simulate.frames import summary_of
 from workcell.simulate.runner import Runner
 from workcell.simulate.simulation import Simulation
 from workcell.task.script import TaskFailedError
@@ -150,6 +151,8 @@ class Story:
             max_tracking_error_m=float(execution.tracking_error_m.max(initial=0.0)),
             unintended_contacts=len(execution.contacts),
         )
+        if execution.live:
+            self.summary |= summary_of(execution.live)
         if len(execution.closure_error):
             self.summary["max_closure_error_m"] = float(execution.closure_error.max())
         if execution.stop is not None:
@@ -160,6 +163,8 @@ class Story:
         if looked:
             checks["no unintended contact"] = not execution.contacts
             checks["clearance never below zero"] = execution.min_clearance >= 0.0
+        if execution.live:
+            checks["no joint jumped"] = not self.summary["live_jumps"]
         if len(execution.closure_error):
             checks["its ties held"] = float(execution.closure_error.max()) <= MOST_MISSED
         if simulation.unproved:

@@ -31,11 +31,11 @@ def test_what_kept_its_limits_is_clean_and_counted(tmp_path: Path, toy: mujoco.M
     assert arm.position_mean == pytest.approx(0.005, rel=0.02) and arm.rotation_max == pytest.approx(
         0.0198, rel=1e-3
     )
-    assert dict(found.live.statuses) == {"MOVING": 90, "ON_GOAL": 10}
+    assert dict(arm.statuses) == {"MOVING": 90, "ON_GOAL": 10}
     document = json.loads(json.dumps(found.to_json()))["live"]
     assert document["robots"][0]["frames"] == 100 and document["in_contact"] == 0
     text = text_of(found)
-    assert "arm: 100 frames, 0 jumps" in text and "MOVING 90" in text
+    assert "arm: 100 frames (MOVING 90, ON_GOAL 10), 0 jumps" in text
 
 
 def test_goals_move_in_the_pictures(tmp_path: Path, toy: mujoco.MjModel) -> None:
@@ -185,9 +185,9 @@ def with_nan(values: np.ndarray) -> np.ndarray:
         (limits_with(period="fast"), "its limits can't be read"),
         (limits_with(upper=[0.4]), "beyond range"),
         (limits_with(upper=None), "its limits can't be read"),
-        (without("live/status"), "no statuses"),
-        (without("live/status", slice(0, 5)), "not one status for each frame"),
-        (changed("live/status", with_nan), "statuses that there are none of"),
+        (without("live/arm/status"), "not one status"),
+        (without("live/arm/status", slice(0, 5)), "not one status for each frame"),
+        (changed("live/arm/status", with_nan), "not one status"),
         (without("metrics/clearance"), "the clearance is not told all the time"),
         (without("metrics/clearance", slice(40, 60)), "the clearance is not told all the time"),
         (changed("metrics/clearance", with_nan), "1 rows in contact"),

@@ -21,13 +21,13 @@ from workcell.record.read.live_orders import (
 )
 from workcell.record.read.metrics import Series
 from workcell.record.read.paths import names_of
-from workcell.record.read.reader import Contents
+from workcell.record.read.reader import Contents, Entity
 from workcell.record.write.live_log import ERROR, LIVE, TURNED
 from workcell.record.write.scene_log import JOINT_POSITIONS
 
 _TRACKED = 2e-3
 """Radians or metres that a simulated joint may be off its reference."""
-_JOINTS, _LIMITS = "joints", "limits"
+_JOINTS, _LIMITS, _STATUS = "joints", "limits", "status"
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +44,7 @@ class LiveRobot:
         astray: recorded poses that are none to which the frames lead.
         position_mean, position_max: metres by which the tool was off its goal, in frames with one; nan without.
         rotation_mean, rotation_max: radians.
+        statuses: frames by status, the most frequent first.
         faults: what the file lacks to count it.
     """
 
@@ -57,6 +58,7 @@ class LiveRobot:
     position_max: float
     rotation_mean: float
     rotation_max: float
+    statuses: Mapping[str, int] = field(default_factory=dict)
     faults: tuple[str, ...] = ()
 
     @property
@@ -75,7 +77,8 @@ class LiveRobot:
             else "without a goal"
         )
         astray = [f"{self.astray} recorded poses are not where the frames lead"] if self.astray else []
-        said = f"{self.robot}: {self.frames} frames, {self.jumps} jumps, {beyond}; {errors}"
+        statuses = ", ".join(f"{name} {count}" for name, count in self.statuses.items())
+        said = f"{self.robot}: {self.frames} frames ({statuses}), {self.jumps} jumps, {beyond}; {errors}"
         return "; ".join([said, *astray, *self.faults])
 
 
@@ -85,13 +88,11 @@ class LiveReview:
 
     Attributes:
         robots: each of them.
-        statuses: frames by status, the most frequent first.
         in_contact: recorded rows whose clearance is not zero or more.
         faults: what the file lacks to judge the run.
     """
 
     robots: tuple[LiveRobot, ...]
-    statuses: Mapping[str, int] = field(default_factory=dict)
     in_contact: int = 0
     faults: tuple[str, ...] = ()
 
@@ -108,9 +109,8 @@ class LiveReview:
     @property
     def words(self) -> str:
         """What the check says."""
-        statuses = ", ".join(f"{name} {count}" for name, count in self.statuses.items())
         told = [*(robot.words for robot in self.robots), f"{self.in_contact} rows in contact", *self.faults]
-        return "; ".join([*told, statuses] if statuses else told)
+        return "; ".join(told)
 
     def to_json(self) -> dict[str, Any]:
         """Plain values; nan is none."""
@@ -120,7 +120,6 @@ class LiveReview:
         ]
         return {
             "robots": robots,
-            "statuses": dict(self.statuses),
             "in_contact": self.in_contact,
             "faults": list(self.faults),
         }
@@ -140,45 +139,46 @@ def live_review(
     below = {path: names_of(path) for path in contents.below(LIVE)}
     if not below:
         return None
-    told = manifest.get("robots")
+    told, names = manifest.get("robots"), _names_of_statuses(contents)
     robots, orders = [], []
-    for name in sorted({names[1] for names in below.values() if len(names) == 3}):
-        parts = {names[2]: contents.entities[path] for path, names in below.items() if names[1:2] == [name]}
+    for name in sorted({path[1] for path in below.values() if len(path) == 3}):
+        parts = {path[2]: contents.entities[p] for p, path in below.items() if path[1:2] == [name]}
         mine, faults = orders_of(parts.get(_JOINTS), parts.get(_LIMITS))
         about = told.get(name) if isinstance(told, Mapping) else None
-        robots.append(_counted(name, mine, faults, series, about if isinstance(about, Mapping) else {}))
+        statuses = _statuses(parts.get(_STATUS), names)
+        known = about if isinstance(about, Mapping) else {}
+        robots.append(_counted(name, mine, statuses, faults, series, known))
         orders += mine
-    statuses, faults = _statuses(contents)
-    if not robots:
-        faults.append("there are no frames")
-    if any(robot.frames != sum(statuses.values()) for robot in robots):
-        faults.append("there is not one status for each frame")
+    faults = [] if robots else ["there are no frames"]
     clearance = series.get("clearance")
     touching = 0 if clearance is None else int((~(clearance.values[:, 0] >= 0.0)).sum())
     rows = np.zeros(0) if clearance is None else clearance.times
     if not unmeasured and any(order.evidence_lacks(rows) for order in orders):
         faults.append("the clearance is not told all the time")
-    return LiveReview(tuple(robots), statuses, touching, tuple(faults))
+    return LiveReview(tuple(robots), touching, tuple(faults))
 
 
-def _statuses(contents: Contents) -> tuple[dict[str, int], list[str]]:
-    """Frames by status, and what is wrong with them."""
-    about, entity = contents.entities.get(f"{LIVE}/about"), contents.entities.get(f"{LIVE}/status")
-    rows = None if entity is None else numbers_of(entity)
+def _names_of_statuses(contents: Contents) -> list[str]:
+    """What the numbers of statuses mean."""
+    about = contents.entities.get(f"{LIVE}/about")
     told = document_of(about.static.get(TEXT) if about is not None else None).get("statuses")
-    if rows is None or not isinstance(told, list):
-        return {}, ["no statuses"]
+    return [str(name) for name in told] if isinstance(told, list) else []
+
+
+def _statuses(entity: Entity | None, names: Sequence[str]) -> dict[str, int]:
+    """Frames by status; numbers that stand for none are left out."""
+    rows = None if entity is None else numbers_of(entity)
+    if rows is None:
+        return {}
     numbers = rows[1][:, 0]
-    known = (numbers >= 0) & (numbers < len(told)) & (numbers == np.floor(numbers))
-    names = [str(told[int(k)]) for k in numbers[known]]
-    counts = {name: names.count(name) for name in dict.fromkeys(names)}
-    faults = [] if known.all() else ["statuses that there are none of"]
-    return dict(sorted(counts.items(), key=lambda item: -item[1])), faults
+    counts = {name: int((numbers == k).sum()) for k, name in enumerate(names)}
+    return dict(sorted(((n, c) for n, c in counts.items() if c), key=lambda item: -item[1]))
 
 
 def _counted(
     name: str,
     orders: Sequence[LiveOrder],
+    statuses: dict[str, int],
     faults: list[str],
     series: Mapping[str, Series],
     about: Mapping[str, Any],
@@ -207,9 +207,11 @@ def _counted(
     off, turned = (series.get(f"{kind}/{name}") for kind in (ERROR, TURNED))
     if any(one is None or len(one.times) != frames for one in (off, turned)):
         faults.append("errors are not told in every frame")
+    if sum(statuses.values()) != frames:
+        faults.append("there is not one status for each frame")
     errors = *_mean_and_most(off), *_mean_and_most(turned)
     told = tuple(dict.fromkeys(faults))
-    return LiveRobot(name, frames, jumps, beyond, largest, astray, *errors, faults=told)
+    return LiveRobot(name, frames, jumps, beyond, largest, astray, *errors, statuses, told)
 
 
 def _apart(orders: Sequence[LiveOrder]) -> int:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from workcell.simulate.frames import LiveFacts, LiveFrames
 
 LIVE = "live"
-"""Entity of what a review counts: `live/status`, and of each robot `live/NAME/joints` and `live/NAME/limits`."""
+"""Entity of what a review counts, of each robot: `live/NAME/joints`, `live/NAME/status` and `live/NAME/limits`."""
 TARGETS = "targets"
 """Below `world`: the goal of each robot's tool, as it moves."""
 ERROR, TURNED = "live/position_error", "live/rotation_error_rad"
@@ -25,7 +25,7 @@ ERROR, TURNED = "live/position_error", "live/rotation_error_rad"
 TERM_METRIC, CLEARANCE, CONDITIONING = "live/terms", "live/clearance", "live/conditioning"
 SECONDS, BRAKED = "live/frame_time", "live/braked"
 STATUSES = tuple(status.name for status in LiveStatus)
-"""What the numbers of `live/status` mean, in a document beside them."""
+"""What the numbers of `live/NAME/status` mean; `live/about` says so."""
 
 
 class LiveLog:
@@ -86,13 +86,13 @@ class LiveLog:
         times = frames.time[asked]
         indexes = times, self._step(times)
         numbers = np.array([STATUSES.index(status) for status in frames.status if status], dtype=float)
-        self._writer.send_scalars(f"{LIVE}/status", indexes, numbers)
         self._send_metric(TERM_METRIC, indexes, frames.terms[asked])
         self._send_metric(CLEARANCE, indexes, frames.clearance[asked])
         self._send_metric(SECONDS, indexes, frames.seconds[asked])
         self._send_metric(BRAKED, indexes, frames.braked[asked].astype(float))
         for k, name in enumerate(frames.facts.names):
             below = entity(name)
+            self._writer.send_scalars(f"{LIVE}/{below}/status", indexes, numbers)
             self._send_metric(f"{ERROR}/{below}", indexes, frames.position_error[asked, k])
             self._send_metric(f"{TURNED}/{below}", indexes, frames.rotation_error[asked, k])
             self._send_metric(f"{CONDITIONING}/{below}", indexes, frames.conditioning[asked, k])

@@ -9,10 +9,19 @@ from workcell.bench.live.arms import arms_of
 from workcell.bench.live.contacts import Contacts
 from workcell.bench.live.crowds import CLEAR_AT_START, crowd
 from workcell.bench.live.guards import CELLS, run_cell, violations
-from workcell.bench.live.movers import FASTEST, HASTE, ROOM, SPIN, SPIN_HASTE, Crowding, Mover, brake
+from workcell.bench.live.movers import (
+    FASTEST,
+    HASTE,
+    REACHING,
+    REACHING_HASTE,
+    SPIN,
+    SPIN_HASTE,
+    Reacher,
+    Wanderer,
+)
 from workcell.bench.live.traces import PERIOD
+from workcell.bench.live.yielding import NEAR, ROOM, Yielding, brake
 from workcell.motion.live.limits import LiveLimits
-from workcell.pose import Pose
 
 A, J = np.array([5.0, 8.0]), np.array([50.0, 80.0])
 
@@ -53,39 +62,61 @@ def test_each_limit_that_is_broken_is_found_and_no_other():
     assert violations(q, arms, limits)[0][0] == 1
 
 
-def test_movers_keep_their_bounds_and_their_distance_from_arms_that_stand():
+def test_a_wanderer_keeps_its_bounds_and_its_distance_from_arms_that_stand():
     cell = crowd(*CELLS[0], 10, 4)
-    start, rng = cell.start(), np.random.default_rng(0)
-    contacts = Contacts(cell.scene, cell.arms.names, own=False, limit=0.5)
-    shape = cell.movers[0]
-    mover = Mover(
-        shape.name, Pose(np.array(shape.position), np.array(shape.quat_wxyz)), start[:3], 0.5, np.full(3, 0.5)
-    )
+    start = cell.start()
+    contacts = Contacts(cell.scene, cell.arms.names, own=False, limit=NEAR)
     # it always heads for the hand
     hand = cell.arms.robots[0].fk(start).position
-    limits = np.full(7, 8.0), np.full(7, 80.0)
-    crowding = Crowding(contacts, [mover], *limits, rng, [hand])
+    first = next(mover for mover in cell.movers if isinstance(mover, Wanderer))
+    mover = Wanderer(first.name, first.pose, hand, FASTEST, np.full(3, 0.5))
+    yielding = Yielding(
+        contacts, [mover], [[hand]], np.full(7, 8.0), np.full(7, 80.0), np.random.default_rng(0)
+    )
     past, nearest = np.tile(start, (4, 1)), np.inf
     assert contacts.distance(start) > CLEAR_AT_START["still"]
     for _ in range(400):
-        pose, velocity, spin = mover.pose, mover.velocity, mover.spin
-        assert crowding.advance(past)
-        assert np.linalg.norm(mover.velocity) <= FASTEST + 1e-9 and np.linalg.norm(mover.spin) <= SPIN
-        assert np.linalg.norm(mover.velocity - velocity) <= HASTE * PERIOD + 1e-9
-        assert np.linalg.norm(mover.spin - spin) <= SPIN_HASTE * PERIOD + 1e-9
+        pose, rates = mover.pose, mover.rates
+        assert yielding.advance(past)
+        assert np.linalg.norm(mover.rates[:3]) <= FASTEST + 1e-9 and np.linalg.norm(mover.rates[3:]) <= SPIN
+        changes = mover.rates - rates
+        assert np.linalg.norm(changes[:3]) <= HASTE * PERIOD + 1e-9
+        assert np.linalg.norm(changes[3:]) <= SPIN_HASTE * PERIOD + 1e-9
         moved = mover.pose.position - pose.position
-        assert moved == pytest.approx(0.5 * PERIOD * (velocity + mover.velocity))
-        contacts.place(crowding.places())
+        assert moved == pytest.approx(0.5 * PERIOD * (rates + mover.rates)[:3])
+        contacts.place(yielding.places())
         nearest = min(nearest, contacts.distance_to(mover.name, start))
     assert ROOM < nearest < 0.15
+
+
+def test_a_reacher_is_a_chain_whose_twists_are_its_motion():
+    q = np.array([0.4, 0.3, -0.8, 0.5])
+    base, lengths = np.array([0.5, -0.2, 0.0]), np.array([0.3, 0.25, 0.2])
+    reacher = Reacher(("a", "b", "c"), base, lengths, REACHING, q, np.zeros(4), np.zeros(4))
+    ends = [base]
+    for pose, length in zip(reacher.bodies().values(), lengths, strict=True):
+        along = 0.5 * length * pose.rotation[:, 2]
+        assert pose.position - along == pytest.approx(ends[-1])
+        ends.append(pose.position + along)
+    for _ in range(300):
+        rates, before, twists = reacher.rates, reacher.bodies(), reacher.twists()
+        reacher.go(reacher.liked())
+        assert np.linalg.norm(reacher.rates) <= REACHING + 1e-9
+        assert np.linalg.norm(reacher.rates - rates) <= REACHING_HASTE * PERIOD + 1e-9
+        for name, pose in reacher.bodies().items():
+            moved = (pose.position - before[name].position) / PERIOD
+            assert moved == pytest.approx(0.5 * (twists[name][0] + reacher.twists()[name][0]), abs=2e-3)
+    # it has arrived, upright
+    assert ends[-1][2] < reacher.bodies()["c"].position[2] + 0.1
+    assert reacher.bodies()["c"].position == pytest.approx(base + np.array([0.0, 0.0, 0.65]), abs=0.02)
 
 
 def test_a_cell_is_made_again_by_its_seed_and_its_frames_are_counted():
     setup, count = CELLS[3]
     cell, again, other = (crowd(setup, count, 12, seed) for seed in (3, 3, 4))
     assert cell.goals[1][11].position == pytest.approx(again.goals[1][11].position)
-    assert [one.size for one in cell.movers] == [one.size for one in again.movers]
-    assert [one.size for one in cell.movers] != [one.size for one in other.movers]
+    assert [list(one.bodies()) for one in cell.movers] == [list(one.bodies()) for one in again.movers]
+    assert not np.array_equal(cell.aims[0][0], other.aims[0][0])
     tally = run_cell(cell, 3)
     row = tally.row("made")
     assert row["n"] == 12 and row["contacts"] == row["unanswered"] == row["position_violations"] == 0

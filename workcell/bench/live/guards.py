@@ -1,6 +1,6 @@
 """What the live guards let happen: contacts, limits and frames without an answer, among things that move.
 
-Cells are random (`crowds`), movers leave arms a way out (`movers`), and whoever judges has the joint values alone:
+Cells are random (`crowds`), movers leave arms a way out (`yielding`), and whoever judges has the joint values alone:
 contacts are MuJoCo's own, limits those of differences of joint values.
 """
 
@@ -15,12 +15,12 @@ import numpy as np
 
 from workcell.bench.live.arms import Arms
 from workcell.bench.live.contacts import Contacts
-from workcell.bench.live.crowds import Crowd, crowd, somewhere
-from workcell.bench.live.movers import FASTEST, SPIN, Crowding, Mover
+from workcell.bench.live.crowds import Crowd, crowd
 from workcell.bench.live.touching import Touching
 from workcell.bench.live.traces import PERIOD, Setup
+from workcell.bench.live.yielding import NEAR, Yielding
 from workcell.bench.rows import Bench, Row
-from workcell.pose import Array, Pose
+from workcell.pose import Array
 from workcell.world.planning_world import PlanningWorld
 
 if TYPE_CHECKING:
@@ -129,29 +129,30 @@ def run_cell(cell: Crowd, seed: int) -> Tally:
 
     names, rng = cell.arms.names, np.random.default_rng([seed, 7])
     worlds = [PlanningWorld.of(cell.scene, name) for name in names]
-    live = LiveIK(worlds, period=PERIOD, moving=[one.name for one in cell.movers])
+    moving = [name for mover in cell.movers for name in mover.bodies()]
+    live = LiveIK(worlds, period=PERIOD, moving=moving)
     touching, frames = Touching(cell.scene, names), len(cell.goals[0])
-    contacts = Contacts(cell.scene, names, own=False, limit=0.5)
-    aims = [somewhere(robot, rng) for robot in cell.arms.robots for _ in range(20)]
-    crowding = Crowding(
-        contacts, _movers(cell, aims, rng), live.limits.acceleration, live.limits.jerk, rng, aims
-    )
+    contacts = Contacts(cell.scene, names, own=False, limit=NEAR)
+    # movers are moved: the cell keeps its own where they begin
+    ghosts = [mover.ghost() for mover in cell.movers]
+    yielding = Yielding(contacts, ghosts, cell.aims, live.limits.acceleration, live.limits.jerk, rng)
     way = np.empty((frames + 4, cell.arms.dof))
     way[:4] = cell.start()
     tally, cornered = Tally(frames, 1), -10_000
     for k in range(frames):
+        places, twists = yielding.places(), yielding.twists()
         begun = time.process_time()
-        for mover in crowding.movers:
-            live.place(mover.name, mover.pose, mover.velocity, mover.spin)
+        for name, pose in places.items():
+            live.place(name, pose, *twists[name])
         step = live.step({name: goals[k] for name, goals in zip(names, cell.goals, strict=True)})
         tally.seconds.append(time.process_time() - begun)
         tally.errors.append(float(step.position_error.max()))
         answered = bool(np.all(np.isfinite(step.q)))
         tally.unanswered += not answered
         way[k + 4] = step.q if answered else way[k + 3]
-        if not crowding.advance(way[k : k + 4]):
+        if not yielding.advance(way[k : k + 4]):
             tally.no_way, cornered = tally.no_way + 1, k
-        touching.place(crowding.places())
+        touching.place(yielding.places())
         met = touching.pairs(way[k + 4])
         tally.contacts += bool(met)
         tally.contacts_no_way += bool(met) and k - cornered < 50
@@ -159,19 +160,6 @@ def run_cell(cell: Crowd, seed: int) -> Tally:
             tally.pairs[f"{a} and {b}"] = tally.pairs.get(f"{a} and {b}", 0) + 1
     tally.over, tally.worst = violations(way[3:], cell.arms, live.limits)
     return tally
-
-
-def _movers(cell: Crowd, aims: list[Array], rng: np.random.Generator) -> list[Mover]:
-    return [
-        Mover(
-            one.name,
-            Pose(np.array(one.position), np.array(one.quat_wxyz)),
-            aims[int(rng.integers(len(aims)))],
-            float(rng.uniform(0.1, FASTEST)),
-            rng.uniform(-SPIN, SPIN, 3) / np.sqrt(3.0),
-        )
-        for one in cell.movers
-    ]
 
 
 def violations(q: Array, arms: Arms, limits: LiveLimits) -> tuple[Array, Array]:

@@ -136,6 +136,12 @@ def _add_running(commands: Commands) -> None:
         metavar="DIR",
         help="folder of the recording and the summary (default: runs/TASK)",
     )
+    run.add_argument(
+        "--trace",
+        type=values.file_name,
+        metavar="FILE",
+        help="recorded poses that a task such as teleop follows, in place of its own: CSV or JSON lines",
+    )
     seed_option(run)
     json_option(run)
 

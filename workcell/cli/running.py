@@ -27,6 +27,7 @@ def run(options: argparse.Namespace) -> int:
         controller=options.controller,
         seed=options.seed,
         out=options.out,
+        trace=options.trace,
         say=silent if options.json else _say,
     )
     if options.json:

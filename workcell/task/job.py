@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import Any, NoReturn
 
+from workcell.errors import InputError
 from workcell.ik.mechanisms.problem import MechanismProblem
 from workcell.ik.mechanisms.result import MechanismResult
 from workcell.ik.problem import IKProblem
@@ -13,6 +14,7 @@ from workcell.ik.result import IKResult
 from workcell.model.scene import Scene
 from workcell.model.scene_mechanism import SceneMechanism
 from workcell.motion.body import Upright
+from workcell.motion.live.stream import GoalStream
 from workcell.motion.mechanisms.follow import FrameWaypoint, MechanismSteps
 from workcell.motion.mechanisms.path import MechanismMotion, MechanismPath
 from workcell.motion.path import Path, Trajectory
@@ -42,7 +44,7 @@ class Job:
         controller: name of what drives the motors (`workcell.simulate.controller.CONTROLLERS`).
     """
 
-    __slots__ = ("controller", "mechanisms", "planning", "story", "timing")
+    __slots__ = ("_stream", "controller", "mechanisms", "planning", "story", "timing")
 
     def __init__(
         self,
@@ -54,7 +56,9 @@ class Job:
         tell: Callable[[str], None],
         summary: dict[str, Any],
         began: float,
+        stream: GoalStream | None = None,
     ) -> None:
+        self._stream = stream
         self.story = Story(scene, recording, tell, summary, began)
         self.planning = Planning(self.story, planner, seed)
         self.timing = Timing(self.story, self.planning)
@@ -102,6 +106,17 @@ class Job:
     def trying(self) -> bool:
         """Whether what is planned now is a try (see `can`)."""
         return self.story.trying
+
+    @property
+    def stream(self) -> GoalStream:
+        """The recorded poses to follow, on a clock that begins at 0; raises InputError where a task has none."""
+        if self._stream is None:
+            raise InputError(
+                "this task names no trace",
+                where=self.scene.path,
+                remedy='[task] trace = "FILE", or --trace FILE',
+            )
+        return self._stream
 
     # ---- what is told, measured and judged --------------------------------------------------------------------------
 

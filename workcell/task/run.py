@@ -10,12 +10,14 @@ from typing import Any
 
 from workcell.compile_ahead import PLANNING, SAMPLING, TRACKING, compile_ahead, compiling_seconds
 from workcell.errors import InputError, UnknownNameError
-from workcell.files import check_writable, write_json_atomic
+from workcell.files import check_writable, expanded, write_json_atomic
 from workcell.ik.result import Status
 from workcell.jit import announce_compiling
 from workcell.model.loading.assets import find_task
 from workcell.model.overlap import mechanism_overlap, start_overlap
 from workcell.model.scene import Scene
+from workcell.motion.live.stream import GoalStream
+from workcell.motion.live.stream_file import read_stream
 from workcell.motion.tool_paths.planners import check_planner
 from workcell.record.write.recording import Recording
 from workcell.simulate.controller import CONTROLLERS
@@ -49,11 +51,13 @@ def run_task(
     controller: str = "computed_torque",
     seed: int = 0,
     out: str | Path | None = None,
+    trace: str | Path | None = None,
     say: Callable[[str], None] = print,
 ) -> JobResult:
     """Run a task script and leave `<task>.rrd` and `<task>.json` in `out` (default: `runs/<task>`).
 
-    Whatever happens, Ctrl-C included, what was recorded until then stays readable.
+    Whatever happens, Ctrl-C included, what was recorded until then stays readable. `trace` is a file of recorded poses
+    in place of the task's own (see docs/streams.md).
 
     Raises:
         WorkcellError: bad input, a start in collision among it; OutputError: the folder can't be written.
@@ -68,6 +72,7 @@ def run_task(
     script = load_script(path)
     scene = Scene.load(path, robot=robot, seed=seed).drivable()
     _check_starts(scene)
+    stream = _stream_of(scene, trace)
     folder = Path(out) if out is not None else Path("runs") / path.stem
     name = scene.name
     summary: dict[str, Any] = {
@@ -87,7 +92,7 @@ def run_task(
     check_writable(recording_path)
     check_writable(summary_path)
     recording = Recording(recording_path, task=name, seed=seed, planner=planner)
-    job = Job(scene, planner, controller, seed, recording, say, summary, began)
+    job = Job(scene, planner, controller, seed, recording, say, summary, began, stream)
     compiled_before = compiling_seconds()
     announce_compiling(lambda: say("compiling kernels: once on this machine, a minute or two"))
     try:
@@ -119,6 +124,21 @@ def run_task(
         recording_path,
         summary_path,
     )
+
+
+def _stream_of(scene: Scene, trace: str | Path | None) -> GoalStream | None:
+    """The poses that a task is to follow, from the file that its table names or the one in its place."""
+    own = scene.task.get("trace")
+    if own is None and trace is not None:
+        raise InputError(
+            f"the task {scene.name} follows no recorded poses", where="--trace", remedy="such as teleop"
+        )
+    if own is None:
+        return None
+    if not isinstance(own, str) or not own:
+        raise InputError("is no file's name", where=f"{scene.path}: [task] trace")
+    path = expanded(Path(trace)) if trace is not None else scene.path.parent / expanded(Path(own))
+    return read_stream(path).from_zero()
 
 
 def _whose(scene: Scene) -> str | list[str]:

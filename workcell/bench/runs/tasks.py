@@ -41,7 +41,7 @@ ENTRIES = (
         Entry(task)
         for task in (
             *("shelf_grasp", "machine_tending", "bin_picking", "dual_arm_carry", "keep_upright"),
-            *("baxter_carry", "stewart_pose", "hand_grasp"),
+            *("baxter_carry", "stewart_pose", "hand_grasp", "follow_target", "teleop"),
         )
     ),
     *(Entry(task, arm) for task in ("circle_trace", "square_trace") for arm in ("sawyer", "ur10", "iiwa14")),

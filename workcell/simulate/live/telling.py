@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 from workcell.motion.live.step import Guard, LiveStatus, Step
 
+_NUMBERS = re.compile(r"[-+.\d]*\d(?:e[-+]?\d+)?")
 _SETTLED_S = 0.2
 """Seconds for which a status must last before it is told."""
 _GONE_S = 0.5
@@ -39,7 +41,8 @@ class Telling:
         self._log(f"jump: {joint} moved by {moved:.4g} in a frame, {most:.4g} at most is allowed", "ERROR")
 
     def _tell_status(self, step: Step, reason: str) -> None:
-        now = (step.status, reason if step.status in _AT_ONCE else "")
+        # numbers in a reason, such as for how long there was none, make no other reason of it
+        now = (step.status, _NUMBERS.sub("", reason) if step.status in _AT_ONCE else "")
         self._lasted = self._lasted + self._period if now == self._seen else 0.0
         self._seen = now
         settled = step.status in _AT_ONCE or self._told is None or self._lasted >= _SETTLED_S

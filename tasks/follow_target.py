@@ -23,7 +23,7 @@ def run(job: Job) -> None:
         simulation = job.simulation()
         target, seconds = winding(job, simulation.tool_pose())
         simulation.drive("ball", swinging(job, seconds))
-        simulation.follow(live, target, seconds, "following the target")
+        job.follow_goals(simulation, live, target, seconds, "following the target")
         mean = np.nanmean(np.concatenate([part.position_error for part in simulation.result().live]))
         off, turned = simulation.tool_pose().error_to(target(seconds))
         job.summary |= {"off_at_rest_m": off, "off_at_rest_rad": turned}

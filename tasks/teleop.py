@@ -24,8 +24,12 @@ def run(job: Job) -> None:
     with job.phase("execution"):
         simulation = job.simulation()
         late, seconds = task["late_s"], stream.end + task["rest_s"]
-        simulation.follow(
-            live, lambda t: stream.at(t - late, interpolate=True), seconds + late, "following the stream"
+        job.follow_goals(
+            simulation,
+            live,
+            lambda t: stream.at(t - late, interpolate=True),
+            seconds + late,
+            "following the stream",
         )
         errors = np.concatenate([part.position_error for part in simulation.result().live])
         told = errors[np.isfinite(errors)]

@@ -129,7 +129,7 @@ def test_a_script_calls_the_parts_by_the_job_s_own_methods():
         offered |= names
     assert between < offered
     mine = {name for name, _ in inspect.getmembers(job, inspect.ismethod) if not name.startswith("_")}
-    assert mine == offered - between | {"simulation", "mechanism_simulation"}
+    assert mine == offered - between | {"simulation", "follow_goals", "mechanism_simulation"}
 
 
 def test_a_script_adds_to_the_summary():

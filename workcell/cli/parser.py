@@ -142,6 +142,11 @@ def _add_running(commands: Commands) -> None:
         metavar="FILE",
         help="recorded poses that a task such as teleop follows, in place of its own: CSV or JSON lines",
     )
+    run.add_argument(
+        "--view",
+        action="store_true",
+        help="watch a task whose tools follow goals in a window, and drag their targets with the mouse",
+    )
     seed_option(run)
     json_option(run)
 

@@ -28,6 +28,7 @@ def run(options: argparse.Namespace) -> int:
         seed=options.seed,
         out=options.out,
         trace=options.trace,
+        view=options.view,
         say=silent if options.json else _say,
     )
     if options.json:

@@ -14,6 +14,7 @@ from workcell.errors import InputError, UnknownNameError
 from workcell.model.loading.actuators import servo_range
 from workcell.model.loading.assets import find_asset
 from workcell.model.loading.build import (
+    Mounted,
     add_grasp_welds,
     attach_robot,
     obstacles_of,
@@ -219,7 +220,19 @@ def build_scene(source: str | Path, robot: str | None, seed: int | None = None) 
     return replace(scene, warnings=tuple(heard))
 
 
-def _compiled(spec: mujoco.MjSpec, task: TaskFile, seed: int | None = None) -> Scene:
+def scene_spec(source: str | Path, robot: str | None = None, seed: int | None = None) -> mujoco.MjSpec:
+    """The model of `Scene.load`'s scene before it is compiled, to which bodies may be added; arguments as there."""
+    task = task_of(source, robot)
+    with heard_warnings():
+        spec = load_spec(task.cell, kind="cells", relative_to=task.path.parent)
+        _assemble(spec, task, seed)
+    return spec
+
+
+def _assemble(
+    spec: mujoco.MjSpec, task: TaskFile, seed: int | None
+) -> tuple[TaskFile, dict[str, Mounted], dict[str, mujoco.MjsBody]]:
+    """Put robots and objects into a cell: the task as it is then, the robots, the objects' root bodies."""
     free = any(not entry.fixed for entry in task.objects)
     places = compile_spec(spec.copy(), task.cell) if free else None
     with quiet_mujoco(task.path):
@@ -231,6 +244,11 @@ def _compiled(spec: mujoco.MjSpec, task: TaskFile, seed: int | None = None) -> S
     if not task.robots and task.mechanism is None:
         task, mounted = robots_inside(spec, task)
     add_grasp_welds(spec, task, mounted, placed)
+    return task, mounted, placed
+
+
+def _compiled(spec: mujoco.MjSpec, task: TaskFile, seed: int | None = None) -> Scene:
+    task, mounted, placed = _assemble(spec, task, seed)
     model = compile_spec(spec, task.path)
     roots = {("robot", name): [root.id for root in robot.roots] for name, robot in mounted.items()}
     bodies = members(model, roots | {("object", name): [root.id] for name, root in placed.items()})

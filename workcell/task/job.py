@@ -23,6 +23,8 @@ from workcell.motion.tool_paths.follow import FollowLimits
 from workcell.motion.tool_paths.poses import PathTolerance
 from workcell.pose import Array, Pose
 from workcell.record.write.recording import Recording
+from workcell.simulate.live.solver import GoalSource, LiveSolver
+from workcell.simulate.live.view import HOW, LiveView
 from workcell.simulate.mechanisms.simulation import MechanismSimulation
 from workcell.simulate.runner import Runner, Settings
 from workcell.simulate.simulation import Simulation
@@ -44,7 +46,7 @@ class Job:
         controller: name of what drives the motors (`workcell.simulate.controller.CONTROLLERS`).
     """
 
-    __slots__ = ("_stream", "controller", "mechanisms", "planning", "story", "timing")
+    __slots__ = ("_stream", "_window", "controller", "mechanisms", "planning", "story", "timing")
 
     def __init__(
         self,
@@ -57,8 +59,9 @@ class Job:
         summary: dict[str, Any],
         began: float,
         stream: GoalStream | None = None,
+        window: Callable[[Scene], LiveView] | None = None,
     ) -> None:
-        self._stream = stream
+        self._stream, self._window = stream, window
         self.story = Story(scene, recording, tell, summary, began)
         self.planning = Planning(self.story, planner, seed)
         self.timing = Timing(self.story, self.planning)
@@ -143,6 +146,16 @@ class Job:
     def simulation(self) -> Simulation:
         """A simulation of the scene that logs into the recording."""
         return Simulation(self.scene, controller=self.controller, on_chunk=self.story.log_chunk)
+
+    def follow_goals(
+        self, simulation: Simulation, live: LiveSolver, goals: GoalSource, seconds: float, label: str
+    ) -> bool:
+        """`Simulation.follow`, in a window with a target to drag where one was asked for (`workcell run --view`)."""
+        if self._window is None:
+            return simulation.follow(live, goals, seconds, label)
+        with self._window(self.scene) as view:
+            self.say(f"a window is open: {HOW}")
+            return simulation.follow(live, view.goals(goals), seconds, label, each=view.watch(simulation))
 
     def mechanism_simulation(self, settings: Settings | None = None) -> MechanismSimulation:
         """A simulation of the scene's mechanism that logs into the recording."""

@@ -15,12 +15,13 @@ from workcell.ik.result import Status
 from workcell.jit import announce_compiling
 from workcell.model.loading.assets import find_task
 from workcell.model.overlap import mechanism_overlap, start_overlap
-from workcell.model.scene import Scene
+from workcell.model.scene import Scene, scene_spec
 from workcell.motion.live.stream import GoalStream
 from workcell.motion.live.stream_file import read_stream
 from workcell.motion.tool_paths.planners import check_planner
 from workcell.record.write.recording import Recording
 from workcell.simulate.controller import CONTROLLERS
+from workcell.simulate.live.view import LiveView, check_screen
 from workcell.task.job import Job
 from workcell.task.script import TaskFailedError, load_script, run_script
 from workcell.task.story import NOTHING_CHECKED
@@ -52,18 +53,22 @@ def run_task(
     seed: int = 0,
     out: str | Path | None = None,
     trace: str | Path | None = None,
+    view: bool = False,
     say: Callable[[str], None] = print,
 ) -> JobResult:
     """Run a task script and leave `<task>.rrd` and `<task>.json` in `out` (default: `runs/<task>`).
 
     Whatever happens, Ctrl-C included, what was recorded until then stays readable. `trace` is a file of recorded poses
-    in place of the task's own (see docs/streams.md).
+    in place of the task's own (see docs/streams.md). With `view`, a task whose tools follow goals opens a window, in
+    which their targets can be dragged.
 
     Raises:
         WorkcellError: bad input, a start in collision among it; OutputError: the folder can't be written.
         ScriptError: the script itself failed, with its line.
     """
     check_planner(planner)
+    if view:
+        check_screen()
     if controller not in CONTROLLERS:
         raise UnknownNameError("controller", controller, CONTROLLERS)
     began = time.perf_counter()
@@ -91,8 +96,14 @@ def run_task(
     recording_path, summary_path = folder / f"{name}.rrd", folder / f"{name}.json"
     check_writable(recording_path)
     check_writable(summary_path)
+
+    def window(shown: Scene) -> LiveView:
+        return LiveView(shown, scene_spec(path, robot, seed))
+
     recording = Recording(recording_path, task=name, seed=seed, planner=planner)
-    job = Job(scene, planner, controller, seed, recording, say, summary, began, stream)
+    job = Job(
+        scene, planner, controller, seed, recording, say, summary, began, stream, window if view else None
+    )
     compiled_before = compiling_seconds()
     announce_compiling(lambda: say("compiling kernels: once on this machine, a minute or two"))
     try:

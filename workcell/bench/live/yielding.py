@@ -1,9 +1,10 @@
 """How what moves leaves arms a way out, decided before arms move, by their last configurations alone.
 
 The way out that a mover leaves is to brake. Of going on as it likes, braking, and keeping its velocity it does the
-first that keeps 3 cm from arms that brake, at all times until both are at rest, by the compiled model's distances. Where
-none does, as when arms have come nearer by themselves, it does what keeps farthest; a way out is left where that touches
-nothing. The arms' brake is the bench's own: the shortest polynomial within the joints' limits that ends at rest.
+first that keeps 3 cm from arms that brake, at all times until both are at rest, by the compiled model's distances.
+Where none does, as when arms have come nearer by themselves, it does what keeps farthest; a way out is left where
+that touches nothing. The arms' brake is the bench's own: the shortest polynomial within the joints' limits that ends
+at rest.
 """
 
 from __future__ import annotations

@@ -2,11 +2,14 @@
 
 import pytest
 
+from workcell.bench.live import relaxed
 from workcell.bench.live.arms import SETUPS
 from workcell.bench.live.cases import case_of, table
 from workcell.bench.live.paper import GROOVE_A, TRAC_IK
 from workcell.bench.live.relaxed import live, point_ik
 from workcell.bench.live.starts import Way
+from workcell.bench.tables import list_benches
+from workcell.motion.live.weights import WEIGHTS_B
 
 BY_NAME = {setup.robot: setup for setup in SETUPS}
 
@@ -39,3 +42,31 @@ def test_rows_are_of_all_cases_of_those_that_can_be_followed_and_of_each():
 )
 def test_what_keeps_an_arm_from_a_path_is_said(way, said):
     assert not way.reached and way.obstacle == said
+
+
+def test_each_method_of_tables_2_to_4_has_the_published_row_of_its_own(monkeypatch):
+    asked = {}
+    monkeypatch.setattr(
+        relaxed, "table", lambda makers, papers, n, seed: asked.update(makers=makers, papers=papers)
+    )
+
+    def settings(name):
+        return asked["makers"][name].keywords["settings"]
+
+    relaxed.table2(1, 0, None)
+    assert set(asked["makers"]) - set(asked["papers"]) == {"compiled"}
+    assert settings("cobyla") == {"solver": "cobyla"}
+    assert asked["papers"]["slsqp"] is GROOVE_A
+    relaxed.table3(1, 0, None)
+    assert set(asked["makers"]) == set(asked["papers"]) and len(asked["makers"]) == 6
+    assert settings("mma/differences") == {"solver": "mma", "gradient": "differences"}
+    assert asked["papers"]["mma/differences"].seconds == 0.0290
+    assert asked["papers"]["mma/analytic"].seconds == 0.0089
+    relaxed.table4(1, 0, None)
+    assert settings("quadratic/B") == {"loss": "quadratic", "weights": WEIGHTS_B}
+    assert asked["papers"]["quadratic/A"].discontinuities == 79
+
+
+def test_the_benches_are_named():
+    names = {bench.name for bench in list_benches()}
+    assert {f"relaxedik-table{k}" for k in (1, 2, 3, 4)} | {"live-guards", "live-peers", "live-time"} <= names

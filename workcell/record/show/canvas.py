@@ -132,10 +132,11 @@ class Sheet:
             facts.insert(0, review.reason)
         self.text(14, 68, shortened("   ·   ".join(facts), 190), size=12.5)
 
-    def legend(self, blamed: bool) -> None:
-        """What the lines mean."""
+    def legend(self, blamed: bool, followed: bool = False) -> None:
+        """What the lines mean: something is blamed, or goals were followed."""
         y, x = self.height - 20, 14
-        for rgb, words in ((PLAN_RGB, "planned path of the tool"), (TRACE_RGB, "executed so far")):
+        way = "goal of the tool so far" if followed else "planned path of the tool"
+        for rgb, words in ((PLAN_RGB, way), (TRACE_RGB, "executed so far")):
             self._page.plot([x, x + 34], [y, y], color=rgb, lw=3)
             self.text(x + 44, y, words, size=12)
             x += 250

@@ -49,7 +49,7 @@ def contact_sheet(review: Review) -> Figure:
             for k, (name, path) in enumerate(review.stage.object_paths().items()):
                 place = studio.place(review.stage.pose(path, moment.time).position)
                 sheet.label(name, place, corner, k, tile)
-    sheet.legend(any(thing.kind == "why" for thing in review.stage.things))
+    sheet.legend(any(thing.kind == "why" for thing in review.stage.things), bool(review.stage.targets))
     return sheet.figure
 
 

@@ -158,6 +158,11 @@ def changed(entity: str, change: Callable[[Any], Any]) -> Forge:
     return lambda path, indexes, values: (indexes, change(values) if path == entity else values)
 
 
+def uneven(values: np.ndarray) -> np.ndarray:
+    """Three columns where one is meant: more numbers than anybody looks at."""
+    return np.column_stack([values, -np.ones((len(values), 2))])
+
+
 def limits_with(**entries: Any) -> Forge:
     return changed("live/arm/limits", lambda texts: [json.dumps({**json.loads(texts[0]), **entries})])
 
@@ -191,6 +196,9 @@ def with_nan(values: np.ndarray) -> np.ndarray:
         (without("metrics/clearance"), "the clearance is not told all the time"),
         (without("metrics/clearance", slice(40, 60)), "the clearance is not told all the time"),
         (changed("metrics/clearance", with_nan), "1 rows in contact"),
+        (changed("metrics/clearance", uneven), "101 rows in contact"),
+        (changed("live/arm/status", uneven), "not one status for each frame"),
+        (changed("metrics/live/position_error/arm", uneven), "errors are not told in every frame"),
         (without("metrics/joint_positions/arm"), "what it did is not recorded"),
         (without("metrics/joint_positions/arm", slice(40, 60)), "what it did is not told all the time"),
         (changed("metrics/joint_positions/arm", with_nan), "jumps"),
@@ -216,3 +224,22 @@ def test_a_jump_does_not_hide_behind_another_order(tmp_path: Path, toy: mujoco.M
     later = frames(0.9 + smooth(51), begin=first.time[-1] + 0.1)
     found = review(record_live(tmp_path / "later.rrd", toy, [first, later]))
     assert found.live is not None and found.live.robots[0].jumps == 1 and not found.achieved
+
+
+def test_rows_of_different_lengths_are_found_out(tmp_path: Path, toy: mujoco.MjModel) -> None:
+    """What is longer in one part of the file than in another is neither cut nor shifted, and ends in no traceback."""
+    for entity in ("metrics/clearance", "live/arm/joints", "live/arm/status", "metrics/joint_positions/arm"):
+        seen: list[int] = []
+
+        def forge(
+            path: str, indexes: Any, values: Any, entity: str = entity, seen: list[int] = seen
+        ) -> tuple[Any, Any]:
+            if path != entity:
+                return indexes, values
+            seen.append(len(values))
+            return indexes, uneven(values.reshape(len(values), -1)) if len(seen) == 2 else values
+
+        first = frames(smooth())
+        with Forged(tmp_path / "forged.rrd", forge) as recording:
+            fill(recording, toy, [first, frames(first.q[-1, 0] + smooth(), begin=first.time[-1] + 1.0)])
+        assert len(seen) == 2 and not review(tmp_path / "forged.rrd").achieved, entity

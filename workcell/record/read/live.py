@@ -151,7 +151,7 @@ def live_review(
         orders += mine
     faults = [] if robots else ["there are no frames"]
     clearance = series.get("clearance")
-    touching = 0 if clearance is None else int((~(clearance.values[:, 0] >= 0.0)).sum())
+    touching = 0 if clearance is None else int((~(clearance.values >= 0.0)).any(axis=1).sum())
     rows = np.zeros(0) if clearance is None else clearance.times
     if not unmeasured and any(order.evidence_lacks(rows) for order in orders):
         faults.append("the clearance is not told all the time")
@@ -168,7 +168,7 @@ def _names_of_statuses(contents: Contents) -> list[str]:
 def _statuses(entity: Entity | None, names: Sequence[str]) -> dict[str, int]:
     """Frames by status; numbers that stand for none are left out."""
     rows = None if entity is None else numbers_of(entity)
-    if rows is None:
+    if rows is None or rows[1].shape[1] != 1:
         return {}
     numbers = rows[1][:, 0]
     counts = {name: int((numbers == k).sum()) for k, name in enumerate(names)}
@@ -205,7 +205,7 @@ def _counted(
         if any(order.evidence_lacks(executed.times) for order in orders):
             faults.append("what it did is not told all the time")
     off, turned = (series.get(f"{kind}/{name}") for kind in (ERROR, TURNED))
-    if any(one is None or len(one.times) != frames for one in (off, turned)):
+    if any(one is None or one.values.shape != (frames, 1) for one in (off, turned)):
         faults.append("errors are not told in every frame")
     if sum(statuses.values()) != frames:
         faults.append("there is not one status for each frame")

@@ -55,13 +55,14 @@ class Entity:
         return times, [_plain(value.values) for value in values]
 
     def numbers(self, component: str) -> tuple[Array, NDArray[Any]]:
-        """Times (T,) and values (T, ...) of a component whose rows all have one length."""
+        """Times (T,) and values (T, k) of a component of numbers; rows that are shorter than others end with nan."""
         pieces = self._pieces.get(component, [])
         if not pieces:
             return np.zeros(0), np.zeros((0, 1))
         times = np.concatenate([piece[0] for piece in pieces])
-        columns = [np.asarray(_plain(piece[1].flatten())) for piece in pieces]
-        values = np.concatenate([c.reshape(len(p[0]), -1) for c, p in zip(columns, pieces, strict=True)])
+        rows = [_rows(column) for _, column in pieces]
+        width = max(row.shape[1] for row in rows)
+        values = np.concatenate([_widened(row, width) for row in rows])
         order = np.argsort(times, kind="stable")
         return times[order], values[order]
 
@@ -238,6 +239,24 @@ def _lost(found: Found, whole: Frames, size: int) -> list[str]:
     words = [f"the last {whole.rest} of {size} bytes are cut off or damaged"] if whole.rest else []
     lost, all_of_them = sum(count for count, part in found if part is None), sum(count for count, _ in found)
     return [*words, f"{lost} of {all_of_them} blocks of data are damaged"] if lost else words
+
+
+def _rows(column: Any) -> NDArray[Any]:
+    """A column of lists as rows (T, k)."""
+    flat, lengths = np.asarray(_plain(column.flatten())), column.value_lengths().to_numpy()
+    longest = int(lengths.max(initial=0))
+    if np.all(lengths == longest):
+        return flat.reshape(len(lengths), -1)
+    rows = np.full((len(lengths), longest, *flat.shape[1:]), np.nan)
+    rows[np.arange(longest) < lengths[:, None]] = flat
+    return rows.reshape(len(lengths), -1)
+
+
+def _widened(rows: NDArray[Any], width: int) -> NDArray[Any]:
+    """Rows (T, k) with nan behind them."""
+    if rows.shape[1] == width:
+        return rows
+    return np.hstack([rows, np.full((len(rows), width - rows.shape[1]), np.nan)])
 
 
 def _plain(array: Any) -> Any:

@@ -115,7 +115,7 @@ def conditioning(robot: Robot, q: Array) -> Array:
     return ratio
 
 
-_thresholds: dict[str, float] = {}
+_thresholds: dict[bytes, float] = {}
 
 
 def threshold(robot: Robot) -> float:
@@ -124,8 +124,12 @@ def threshold(robot: Robot) -> float:
     The paper's mean less two standard deviations stands for the lowest 2.5 % of random configurations, and is below
     zero on some arms: this is the quantile itself.
     """
-    if robot.name not in _thresholds:
+    # robots of scenes have the scene's names: kinematics tell them apart, wherever they stand
+    tool = robot.tool().T_link_tool
+    parts = (robot.joint_xyz[1:], robot.joint_rotation[1:], robot.axis, robot.lower, robot.upper, tool.matrix)
+    key = b"".join(np.ascontiguousarray(part).tobytes() for part in parts)
+    if key not in _thresholds:
         rng = np.random.default_rng(0)
         ratios = [conditioning(robot, robot.random_configuration(rng, _SAMPLES // 10)) for _ in range(10)]
-        _thresholds[robot.name] = float(np.quantile(np.concatenate(ratios), QUANTILE))
-    return _thresholds[robot.name]
+        _thresholds[key] = float(np.quantile(np.concatenate(ratios), QUANTILE))
+    return _thresholds[key]

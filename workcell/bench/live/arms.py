@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 SETUPS = (
     Setup("fanuc_lrmate200ic", (0.51, 0.0, 0.21), (0.24, 0.0, 0.645), 0.22, in_plane=True),
     Setup("ur5", (0.68, 0.0, 0.09), (0.62, 0.0, 0.15), 0.30, apart=0.9),
-    Setup("jaco", (0.68, 0.0, 0.27), (0.31, 0.0, 0.32), 0.22, pace=4.0),
+    Setup("jaco", (0.68, 0.0, 0.27), (0.31, 0.0, 0.32), 0.28, pace=4.0),
     Setup("sawyer", (0.74, 0.16, 0.48), (0.67, 0.0, -0.02), 0.32, apart=0.9),
     Setup("iiwa7", (0.63, 0.0, 0.25), (0.29, 0.04, 0.78), 0.26),
     Setup("hubo_arm", (0.58, -0.24, 0.56), (0.44, -0.29, 0.37), 0.22, side=-0.24),
     Setup("hubo_waist_arm", (0.77, -0.24, 0.46), (0.52, -0.34, 0.39), 0.32, side=-0.24),
 )
-"""The paper's seven arms. Centres were looked for with point IK; circles are about 3/4 of the largest it can follow."""
+"""The paper's seven arms. Centres were looked for with point IK; circles are 3/4 of the largest it follows, or more."""
 QUANTILE = 0.025
 """Of random configurations' conditioning, below which one counts as singular."""
 _SAMPLES = 100_000

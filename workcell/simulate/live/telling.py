@@ -42,7 +42,7 @@ class Telling:
 
     def _tell_status(self, step: Step, reason: str) -> None:
         # numbers in a reason, such as for how long there was none, make no other reason of it
-        now = (step.status, _NUMBERS.sub("", reason) if step.status in _AT_ONCE else "")
+        now = (step.status, _NUMBERS.sub("", reason) if step.status is LiveStatus.NO_GOAL else "")
         self._lasted = self._lasted + self._period if now == self._seen else 0.0
         self._seen = now
         settled = step.status in _AT_ONCE or self._told is None or self._lasted >= _SETTLED_S

@@ -42,12 +42,14 @@ def winding(job: Job, begin: Pose) -> tuple[Motion, float]:
     along, across, period = (float(rng.uniform(*task[key])) for key in ("along", "across", "period_s"))
     centre = np.add(task["centre"], [0.0, 0.0, rng.uniform(-1, 1) * task["height_spread"]])
     side, lead = rng.choice([-1.0, 1.0]), task["lead_s"]
+    facing = np.arctan2(begin.rotation[1, 0], begin.rotation[0, 0])  # as the tool begins, but pointing down
     job.say(f"a figure of eight, {200 * across:.0f} by {200 * along:.0f} cm, once around in {period:.1f} s")
 
     def figure(t: float) -> Pose:
         s = 2 * np.pi * min(t / period, 1.0)
         offset = [along * np.sin(2 * s), side * across * np.sin(s), task["rise"] * np.sin(3 * s)]
-        c, d = np.cos(task["turn"] * np.sin(s)), np.sin(task["turn"] * np.sin(s))
+        yaw = facing + task["turn"] * np.sin(s)
+        c, d = np.cos(yaw), np.sin(yaw)
         return Pose.from_rotation(centre + offset, np.array([[c, d, 0], [d, -c, 0], [0, 0, -1]]))
 
     def target(t: float) -> Pose:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,19 @@ def frames(turn: np.ndarray, begin: float = 0.0, limits: LiveLimits = LIMITS) ->
     )
 
 
+def together(turns: np.ndarray, begin: float = 0.0) -> LiveFrames:
+    """Frames of `arm` and of `other`, a joint each, at turns (F, 2)."""
+    one, limits = frames(turns[:, 0], begin), LiveLimits.of([1.0] * 2, [4.0] * 2, [100.0] * 2)
+    facts = LiveFacts(
+        ("arm", "other"), (1, 1), PERIOD, limits, ("turn", "swing"), *(np.tile(end, 2) for end in RANGES)
+    )
+    doubled = {
+        name: np.concatenate([getattr(one, name)] * 2, axis=1)
+        for name in ("goal", "position_error", "rotation_error", "conditioning")
+    }
+    return replace(one, facts=facts, q=turns, **doubled)
+
+
 def record_live(
     path: Path,
     model: mujoco.MjModel,
@@ -92,7 +106,7 @@ def _execution(model: mujoco.MjModel, part: LiveFrames, turn: np.ndarray, cleara
         time=part.time,
         qpos=qpos,
         q=turn[:, None],
-        q_reference=part.q,
+        q_reference=part.q[:, :1],
         torque=np.zeros((count, 1)),
         tool_position=np.zeros((count, 3)),
         tracking_error_m=np.zeros(count),

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.record.conftest import RESULT
-from tests.record.live_frames import LIMITS, PERIOD, fill, frames, record_live, smooth
+from tests.record.live_frames import LIMITS, PERIOD, fill, frames, record_live, smooth, together
 from tests.record.read.test_review import text_of
 from workcell.motion.live.limits import LiveLimits
 from workcell.record.read.review import review
@@ -243,3 +243,21 @@ def test_rows_of_different_lengths_are_found_out(tmp_path: Path, toy: mujoco.MjM
         with Forged(tmp_path / "forged.rrd", forge) as recording:
             fill(recording, toy, [first, frames(first.q[-1, 0] + smooth(), begin=first.time[-1] + 1.0)])
         assert len(seen) == 2 and not review(tmp_path / "forged.rrd").achieved, entity
+
+
+def test_two_robots_are_counted_each_by_itself(tmp_path: Path, toy: mujoco.MjModel) -> None:
+    """One follows alone, then both: frames and statuses are each robot's, and so is a jump."""
+    alone = frames(smooth())
+    turns = np.column_stack([alone.q[-1, 0] + smooth(), -smooth() - 0.1 * (np.arange(101) >= 50)])
+    both = together(turns, begin=alone.time[-1] + 0.5)
+    with Recording(tmp_path / "two.rrd", task="toy") as recording:
+        fill(recording, toy, [alone, both])
+        recording.log_states(both.time, np.tile(toy.qpos0, (101, 1)), {"joint_positions/other": turns[:, 1]})
+        recording.set_result({**RESULT, "live_frames": 200})
+    found = review(tmp_path / "two.rrd")
+    assert found.live is not None and not found.achieved
+    arm, other = found.live.robots
+    assert (arm.robot, arm.frames, arm.jumps) == ("arm", 200, 0) and arm.clean
+    assert (other.robot, other.frames, other.jumps) == ("other", 100, 1) and not other.clean
+    assert sum(arm.statuses.values()) == 200 and sum(other.statuses.values()) == 100
+    assert "1 beyond velocity" in found.reason

@@ -97,8 +97,11 @@ def run_task(
     check_writable(recording_path)
     check_writable(summary_path)
 
+    opened: list[LiveView] = []
+
     def window(shown: Scene) -> LiveView:
-        return LiveView(shown, scene_spec(path, robot, seed))
+        opened.append(LiveView(shown, scene_spec(path, robot, seed)))
+        return opened[-1]
 
     recording = Recording(recording_path, task=name, seed=seed, planner=planner)
     job = Job(
@@ -118,6 +121,8 @@ def run_task(
             except TaskFailedError as failure:
                 summary.update(achieved=False, status=failure.status, sentence=failure.sentence)
                 job.say(f"{failure.status}: {failure.sentence}", level="ERROR")
+            if view and not opened:
+                job.say("no window was opened: nothing in this task followed goals", level="WARN")
             summary["compiling_s"] = compiling_seconds() - compiled_before
             summary["wall_s"] = time.perf_counter() - began
             recording.set_result(summary)

@@ -8,11 +8,13 @@ import pytest
 from tests.simulate.live.stand_in import StandIn
 from workcell.cli.main import main
 from workcell.errors import InputError, WorkcellError
+from workcell.model.loading.assets import find_task
 from workcell.model.scene import scene_spec
 from workcell.motion.live.stream import Stamped
 from workcell.pose import Pose
 from workcell.simulate.live.view import LiveView, check_screen, launch_viewer
 from workcell.simulate.simulation import Simulation
+from workcell.task.run import run_task
 
 
 class Window:
@@ -121,3 +123,12 @@ def test_a_screen_that_nothing_can_be_shown_on_is_said(scene, monkeypatch):
     monkeypatch.setenv("DISPLAY", ":4711")
     with pytest.raises(WorkcellError, match="--view"):
         launch_viewer(scene.model, None)
+
+
+def test_a_task_that_follows_nothing_opens_no_window(tmp_path, monkeypatch):
+    monkeypatch.setattr("workcell.task.run.check_screen", lambda: None)
+    (tmp_path / "idle.toml").write_text(find_task("circle_trace").read_text())
+    (tmp_path / "idle.py").write_text("def run(job):\n    job.say('done')\n")
+    story = []
+    run_task(tmp_path / "idle.toml", out=tmp_path / "out", view=True, say=story.append)
+    assert any("no window was opened" in line for line in story)

@@ -5,18 +5,20 @@ from __future__ import annotations
 import functools
 import importlib
 import time
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from workcell.errors import InputError, UnknownNameError
 from workcell.geometry.packing import pack_shapes
-from workcell.motion.live.goals import LiveGoal
 from workcell.motion.live.limits import LiveLimits
 from workcell.motion.live.movers import MovingObstacles
+from workcell.motion.live.objective import Objective
+from workcell.motion.live.optimisers import OPTIMISERS, Gradient, Minimiser
 from workcell.motion.live.packing import make_desk, make_motion, pack_limbs
+from workcell.motion.live.reading import NO_GOAL, GoalClock, GoalReader, Goals
 from workcell.motion.live.report import Reporter
 from workcell.motion.live.step import Step
 from workcell.motion.live.surroundings import Arms, Obstacles
@@ -25,22 +27,26 @@ from workcell.motion.live.weights import LOSSES, WEIGHTS_A, Weights
 from workcell.pose import Array, Pose, read_only
 from workcell.world.planning_world import PlanningWorld
 
-Goals = Pose | LiveGoal | None | Mapping[str, Pose | LiveGoal | None]
+Solver = Literal["compiled", "slsqp", "mma", "ccsaq", "cobyla", "bobyqa"]
 
 _SAMPLES = 4000
 """Random configurations that tell what conditioning is rare for an arm."""
 _ROUNDS = 4
 """Rounds of the weighted sum in a frame."""
+_SHY = 2e-3
+"""Metres of clearance to itself at which the collision term of an arm is a quarter, where it is often farther apart."""
 _ROW_ROOM = 1e-3
 """Metres that programs keep beyond the margin: what linear rows overlook is less, near by."""
 
 
 @functools.cache
-def _kernels() -> tuple[Any, Any, Any]:
+def _kernels() -> tuple[Any, Any, Any, Any]:
     """Compiled kernels, imported on first use: numba takes half a second."""
-    names = ("relax", "guard", "frame")
-    relax, guard, frame = (importlib.import_module(f"workcell.motion.live.kernels.{name}") for name in names)
-    return relax, guard, frame
+    names = ("relax", "guard", "commit", "frame")
+    relax, guard, commit, frame = (
+        importlib.import_module(f"workcell.motion.live.kernels.{name}") for name in names
+    )
+    return relax, guard, commit, frame
 
 
 class LiveIK:
@@ -54,6 +60,9 @@ class LiveIK:
         period: seconds of a control tick.
         weights: of the weighted sum, changeable with every step.
         loss: a name of `LOSSES`.
+        solver: of the weighted sum: ours, or one of NLopt's (the paper's, for comparison; the extra `live`). The guard
+            is the same.
+        gradient: that NLopt's solvers take, where they take one.
         limits: of the joints; None: the robots' own velocity and acceleration, which is reached within a tenth of a
             second. Accelerations that are not known are ten times the velocity.
         moving: objects or bodies of the scene that move by themselves; tell where they are by `place`.
@@ -80,6 +89,8 @@ class LiveIK:
         period: float = 0.02,
         weights: Weights = WEIGHTS_A,
         loss: str = "groove",
+        solver: Solver = "compiled",
+        gradient: Gradient = "analytic",
         limits: LiveLimits | None = None,
         moving: Sequence[str] = (),
         margin: float = 0.0,
@@ -90,8 +101,12 @@ class LiveIK:
     ) -> None:
         self._arms = Arms.of([worlds] if isinstance(worlds, PlanningWorld) else list(worlds))
         self.robot, self.names = self._arms.robot, self._arms.names
-        if loss not in LOSSES:
-            raise UnknownNameError("loss", loss, LOSSES)
+        for what, name, known in (
+            ("loss", loss, LOSSES), ("solver", solver, ("compiled", *OPTIMISERS)),
+            ("gradient", gradient, ("analytic", "differences")),
+        ):  # fmt: skip
+            if name not in known:
+                raise UnknownNameError(what, name, known, where=what)
         for name, value, valid in (
             ("period", period, 1e-5 <= period <= 1.0),
             ("margin", margin, 0.0 <= margin < np.inf),
@@ -101,57 +116,70 @@ class LiveIK:
         ):
             if not valid:
                 raise InputError(f"{name} is {value}", where=name, remedy="see LiveIK")
-        self.period, self.margin, self._deadline, self._stale = period, margin, deadline_s, stale_s
-        self._weights, self._loss, self.moving = weights, loss, tuple(moving)
+        self.period, self.margin, self.moving, self._deadline = period, margin, tuple(moving), deadline_s
         self.limits = limits or _own_limits(self.robot)
         if len(self.limits.velocity) != self.robot.dof:
             raise InputError(
                 f"limits of {len(self.limits.velocity)} joints for {self.robot.dof}", where="limits"
             )
         start = self._start() if q_start is None else self.robot.configuration(q_start, where="q_start")
-        self._pack(Obstacles.of(self._arms, moving), start, singular_share)
+        self._clock = GoalClock(period, stale_s)
+        self._pack(Obstacles.of(self._arms, moving), start)
+        self._weigh(weights)
+        self._wish.weights[7] = float(loss == "quadratic")
+        self._sample(singular_share)
+        if solver != "compiled":
+            self._minimise = Minimiser(solver, self.robot.dof, gradient=gradient)
+            self._objective = Objective(self._frame, self._desk.box)
+        self._solver = solver
         self.reset(start)
 
     def _start(self) -> Array:
         return np.concatenate([world.robot.start for world in self._arms.worlds])
 
-    def _pack(self, obstacles: Obstacles, start: Array, singular_share: float) -> None:
-        relax, _, frame = _kernels()
+    def _pack(self, obstacles: Obstacles, start: Array) -> None:
+        _, _, commit, frame = _kernels()
         pairs = self._arms.pairs(start)
         self._limbs, row_of = pack_limbs(self.robot, self._arms.tools, self._arms.cover, pairs, self.limits)
         self._movers = MovingObstacles(self._arms.worlds[0].scene, obstacles)
         shapes = pack_shapes(obstacles.standing)
-        tools, n = len(self._arms.tools), self.robot.dof
+        tools = len(self._arms.tools)
         skipped = np.zeros((len(self._arms.cover), len(obstacles.standing)), dtype=np.bool_)
-        self._around = relax.Surroundings(
-            shapes, self._movers.packed, skipped, np.array([self.margin, _ROW_ROOM]), np.zeros(tools)
-        )
-        self._desk, self._motion = make_desk(self._limbs), make_motion(self._limbs)
+        keep, self.least_conditioning = np.array([self.margin, _ROW_ROOM]), np.zeros(tools)
+        around = frame.Surroundings(shapes, self._movers.packed, skipped, keep, self.least_conditioning)
+        self._wish, mine = (_no_wish(frame.Wish, tools, self.robot.dof) for _ in range(2))
+        mine = mine._replace(goals=self._wish.goals, weights=self._wish.weights)
+        self._desk = make_desk(self._limbs, len(obstacles.standing), self.period)
+        self._motion = make_motion(self._limbs)
+        self._past = (self._wish.past, mine.past)
+        self._frame_around = around
+        self._frame = frame.make_frame(self._limbs, around, self._wish, mine, self._desk, self._motion)
         gaps = np.zeros(skipped.shape)
-        frame.gaps_at(self._limbs, self._around, self._desk, start, gaps)
+        commit.gaps_at(self._frame, start, gaps)
         # what the spheres overlap as the robot begins is the cover's overshoot, or in contact: the model itself tells
         skipped[:] = gaps <= 0.0
         order = np.array(shapes.order)
         covered = np.ones((len(row_of), len(obstacles.standing)), dtype=np.bool_)
         covered[:, order] = ~skipped[row_of]
         self._truth = Truth(self._arms, obstacles, pairs, covered)
-        self._wish, self._mine = (
-            relax.Wish(np.zeros((tools, 26)), np.zeros(8), np.zeros((3, n)), np.zeros((tools, 3)))
-            for _ in range(2)
-        )
-        self._mine = self._mine._replace(goals=self._wish.goals, weights=self._wish.weights)
-        sampled = np.empty((_SAMPLES, tools))
+        self._report = Reporter(self._arms, obstacles, shapes.order, row_of)
+        self._goals = GoalReader(self.names, self._frame, self._wish.goals, commit.set_goal)
+
+    def _sample(self, share: float) -> None:
+        """What is usual: rare conditioning of a tool counts as singular, links that are always near as clear."""
+        sampled = np.empty((_SAMPLES, len(self.names)))
         draws = self.robot.random_configuration(np.random.default_rng(0), _SAMPLES)
-        frame.ratios(self._limbs, self._around, self._desk, draws, sampled)
-        self.least_conditioning = read_only(np.quantile(sampled, singular_share, axis=0))
-        self._around.least[:] = self.least_conditioning if singular_share > 0 else 0.0
-        self._window = (
-            np.array([v * v / (2 * a) + v * a / (2 * j) for v, a, j in self._limbs.rates.T])
-            + self.limits.velocity * self.period
-        )
-        self._velocity_step = np.minimum(self.limits.velocity, 1e9) * self.period
-        self._low, self._high = np.zeros(n), np.zeros(n)
-        self._report = Reporter(self._arms, self._limbs, obstacles, shapes.order, row_of)
+        _kernels()[2].ratios(self._frame, draws, sampled)
+        gaps = np.empty((_SAMPLES, *self._limbs.shy.shape))
+        _kernels()[2].usual_gaps(self._frame, draws, gaps)
+        self._limbs.shy[:] = np.clip(0.1 * np.quantile(gaps, 0.05, axis=0), 1e-4, _SHY)
+        if share > 0:
+            self.least_conditioning[:] = np.quantile(sampled, share, axis=0)
+        self.least_conditioning = read_only(self.least_conditioning)
+
+    def _weigh(self, weights: Weights) -> None:
+        self._weights = weights
+        self._wish.weights[:7] = weights.array
 
     # ---- the state -------------------------------------------------------------------------------------------
 
@@ -186,18 +214,18 @@ class LiveIK:
         if not np.all((here >= self.robot.lower) & (here <= self.robot.upper)):
             self.robot.check_limits(here)
             here = np.clip(here, self.robot.lower, self.robot.upper)
-        _, _, frame = _kernels()
-        self._motion.now[:] = 0.0
-        self._motion.now[0] = here
-        self._motion.next[:] = self._motion.now
-        self._motion.wanted[0], self._motion.wanted[1] = here, 0.0
-        for wish in (self._wish, self._mine):
-            wish.past[:] = here
-        self._wish.goals[:, 25] = 0.0
-        frame.commit(self._limbs, self._around, self._wish, self._mine, self._desk, self._motion)
-        self._stamp: float | None = None
-        self._unheard = 0.0
-        self._truth.start(here)
+        commit = _kernels()[2].commit
+        motion = self._motion
+        motion.now[:] = 0.0
+        motion.now[0] = here
+        motion.next[:], motion.stop[:] = motion.now, motion.now
+        motion.wanted[0], motion.wanted[1] = here, 0.0
+        motion.used[0], motion.limited[:], motion.report[:] = 0, 0, 0.0
+        for past in self._past:
+            past[:] = here
+        self._goals.forget()
+        self._clock.reset()
+        commit(self._frame, False)
 
     def place(
         self,
@@ -233,122 +261,46 @@ class LiveIK:
             InputError: goals that are none; UnknownNameError: a robot that is not there. The state stays as it was.
         """
         began = time.perf_counter()
-        if weights is not None:
-            self._weights = weights
-        reason = self._read_goals(goals) or self._read_stamp(stamp)
+        if weights is not None and weights is not self._weights:
+            self._weigh(weights)
+        reason = self._goals.read(goals)
+        if stamp is not None or self._clock.heard:
+            reason = reason or self._clock.read(stamp)
+        _, guard, commit, _ = _kernels()
+        motion, timed_out = self._motion, False
         if reason:
-            self._wish.goals[:, 25] = 0.0
-        relax, guard, frame = _kernels()
-        self._wish.weights[:7], self._wish.weights[7] = self._weights.array, float(self._loss == "quadratic")
-        timed_out = False
-        motion, wish = self._motion, self._wish
-        if np.any(wish.goals[:, 25]):
-            timed_out = self._relax(relax, began)
-        else:
+            if reason is not NO_GOAL:
+                self._goals.forget()
             motion.wanted[:] = np.nan
-        guard.guard(self._limbs, self._around, wish, self._desk, motion, self.period)
-        refused = self._truth.refuses(motion, self._limbs, self.period)
-        if refused:
-            motion.next[:] = motion.stop
-        frame.commit(self._limbs, self._around, wish, self._mine, self._desk, motion)
-        self._movers.advance(self.period)
-        return self._report.step(
-            motion,
-            self._desk,
-            self.limits,
-            self.least_conditioning,
-            reason,
-            refused,
-            timed_out,
-            time.perf_counter() - began,
-        )
-
-    def _relax(self, relax: Any, began: float) -> bool:
-        """The relaxed solution moves on, no farther from the arm than it takes to stop; whether time ran out."""
-        past, now, motion = self._wish.past[0], self._motion.now[0], self._motion
-        np.maximum(past - self._velocity_step, now - self._window, out=self._low)
-        np.minimum(past + self._velocity_step, now + self._window, out=self._high)
-        np.clip(self._low, self._limbs.bounds[0], self._limbs.bounds[1], out=self._low)
-        np.clip(self._high, self._low, self._limbs.bounds[1], out=self._high)
-        wanted, timed_out = motion.wanted[0], False
-        wanted[:] = past
-        chunk = _ROUNDS if self._deadline is None else 1
-        for _ in range(0, _ROUNDS, chunk):
-            if self._deadline is not None and time.perf_counter() - began > self._deadline:
-                timed_out = True
-                break
-            left = relax.relax(
-                self._limbs,
-                self._around,
-                self._wish,
-                self._desk,
-                self._low,
-                self._high,
-                wanted,
-                self.period,
-                chunk,
-            )
-            if left == 0.0:
-                break
-        np.subtract(wanted, past, out=motion.wanted[1])
-        motion.wanted[1] /= self.period
-        return timed_out
-
-    def _read_goals(self, goals: Goals) -> str:
-        """Write the goals down for the kernels; why there is none, or an empty text."""
-        if goals is None:
-            return "no goal was given"
-        if isinstance(goals, (Pose, LiveGoal)):
-            if len(self.names) > 1:
-                raise InputError(
-                    "one goal for several robots", where="goals", remedy="a goal by robot's name"
-                )
-            named: Mapping[str, Pose | LiveGoal | None] = {self.names[0]: goals}
-        elif isinstance(goals, Mapping):
-            named = goals
         else:
-            raise InputError(f"{type(goals).__name__} is no goal", where="goals", remedy="a Pose or LiveGoal")
-        for name, goal in named.items():
-            if name not in self.names:
-                raise UnknownNameError("robot", name, self.names, where="goals")
-            if goal is not None and not isinstance(goal, (Pose, LiveGoal)):
-                raise InputError(
-                    f"{type(goal).__name__} is no goal", where=f"goals[{name!r}]", remedy="a Pose or LiveGoal"
-                )
-        rows, any_goal = self._wish.goals, False
-        for t, name in enumerate(self.names):
-            goal = named.get(name)
-            rows[t, 25] = 0.0
-            if goal is None:
-                continue
-            pose = goal if isinstance(goal, Pose) else goal.pose
-            rows[t, :9] = pose.rotation.ravel()
-            rows[t, 9:12] = pose.position
-            rows[t, 12] = 1.0
-            rows[t, 13:25] = 0.0
-            if isinstance(goal, LiveGoal):
-                rows[t, 12] = goal.weight
-                rows[t, 13:16], rows[t, 19:22] = goal.position_band.T
-                rows[t, 16:19], rows[t, 22:25] = goal.rotation_band.T
-            rows[t, 25] = float(rows[t, 12] > 0.0)
-            any_goal = any_goal or rows[t, 12] > 0.0
-        return "" if any_goal else "no goal was given"
+            timed_out = self._relax(began)
+        guard.guard(self._frame, self.period)
+        refused = self._truth.refuses(self._frame, self._limbs, motion, self.period)
+        commit.commit(self._frame, refused != "")
+        self._movers.advance(self.period)
+        return self._report.step(motion, reason, refused, timed_out, time.perf_counter() - began)
 
-    def _read_stamp(self, stamp: float | None) -> str:
-        """Follow the goal's own clock; why the goal doesn't count, or an empty text."""
-        if stamp is None:
-            self._stamp, self._unheard = None, 0.0
-            return ""
-        if not np.isfinite(stamp):
-            self._unheard += self.period
-            return f"the goal's clock says {stamp}"
-        if self._stamp is None or stamp > self._stamp:
-            self._stamp, self._unheard = float(stamp), 0.0
-            return ""
-        self._unheard += self.period
-        if stamp < self._stamp:
-            return f"the goal's clock runs backwards, from {self._stamp:.6g} to {stamp:.6g} s"
-        return f"no new goal for {self._unheard:.3g} s" if self._unheard > self._stale else ""
+    def _relax(self, began: float) -> bool:
+        """The relaxed solution moves on, no farther from the arm than it takes to stop; whether time ran out."""
+        relax, frame, period = _kernels()[0].relax, self._frame, self.period
+        if self._solver != "compiled":
+            relax(frame, period, 0, True)
+            self._motion.wanted[0] = self._minimise(self._objective, self._motion.wanted[0])
+            relax(frame, period, 0, False)
+            return False
+        if self._deadline is None:
+            relax(frame, period, _ROUNDS, True)
+            return False
+        for done in range(_ROUNDS):
+            if done > 0 and time.perf_counter() - began > self._deadline:
+                return True
+            if relax(frame, period, 1, done == 0) == 0.0:
+                break
+        return False
+
+
+def _no_wish(kind: Any, tools: int, dof: int) -> Any:
+    return kind(np.zeros((tools, 26)), np.zeros(8), np.zeros((3, dof)), np.zeros((tools, 3)))
 
 
 def _own_limits(robot: Any) -> LiveLimits:

@@ -16,10 +16,10 @@ from workcell.pose import Array
 
 if TYPE_CHECKING:
     from workcell.kernels.coupling import Couple
+    from workcell.motion.live.kernels.desk import Desk
     from workcell.motion.live.kernels.limbs import Limbs
     from workcell.motion.live.kernels.motion import Motion
     from workcell.motion.live.kernels.near import Movers
-    from workcell.motion.live.kernels.relax import Desk
 
 Index = NDArray[np.int64]
 _ENDLESS = 1e9
@@ -49,19 +49,49 @@ def pack_limbs(
         frames[t, 1:10] = (back @ tool.T_link_tool.rotation).ravel()
         frames[t, 10:] = back @ tool.T_link_tool.position
     rates = np.minimum(np.stack([limits.velocity, limits.acceleration, limits.jerk]), _ENDLESS)
-    packed = np.reshape(row_of[pairs], (-1, 2)) if len(pairs) else np.zeros((0, 2), dtype=np.int64)
+    own, runs = _by_links(np.reshape(row_of[pairs], (-1, 2)), cover.link[order])
     limbs = Limbs(
         pack_tree(robot),
         _couple(robot),
         frames,
         spheres,
         rows,
-        np.ascontiguousarray(packed),
+        _balls(spheres, links),
+        own,
+        runs,
         levers(robot, cover),
+        np.full((len(links), len(links)), np.nan),
         np.stack([robot.lower, robot.upper]),
         rates,
     )
     return limbs, row_of
+
+
+def _balls(spheres: Array, links: Index) -> Array:
+    """(m + 1, 4) a ball around the spheres of each link, in its axis frame; a radius of -1 where there are none."""
+    balls = np.zeros((len(links), 4))
+    balls[:, 3] = -1.0
+    for link in links:
+        mine = spheres[spheres[:, 4] == link]
+        if len(mine):
+            low, high = (mine[:, :3] - mine[:, 3:4]).min(axis=0), (mine[:, :3] + mine[:, 3:4]).max(axis=0)
+            centre = 0.5 * (low + high)
+            # a little larger: sums of distances round
+            radius = np.max(np.linalg.norm(mine[:, :3] - centre, axis=1) + mine[:, 3]) + 1e-9
+            balls[link] = *centre, radius
+    return balls
+
+
+def _by_links(pairs: Index, link: Index) -> tuple[Index, Index]:
+    """Pairs (p, 2) of spheres sorted by links, the lower one first, and their runs (b, 5)."""
+    pairs = np.where((link[pairs[:, 0]] > link[pairs[:, 1]])[:, None], pairs[:, ::-1], pairs)
+    pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0], link[pairs[:, 1]], link[pairs[:, 0]]))]
+    both = np.column_stack([link[pairs], pairs[:, 0]])
+    first = (
+        np.flatnonzero(np.r_[True, np.any(both[1:] != both[:-1], axis=1)]) if len(pairs) else np.zeros(0, int)
+    )
+    runs = np.column_stack([both[first], first, np.r_[first[1:], len(pairs)][: len(first)]])
+    return np.ascontiguousarray(pairs, dtype=np.int64), np.ascontiguousarray(runs, dtype=np.int64)
 
 
 def _couple(robot: Robot) -> Couple:
@@ -117,12 +147,12 @@ def pack_movers(pieces: Sequence[Piece]) -> Movers:
     return Movers(rows, faces, moves, rows.copy())
 
 
-def make_desk(limbs: Limbs) -> Desk:
-    """Room for the frames of these limbs."""
+def make_desk(limbs: Limbs, shapes: int, period: float) -> Desk:
+    """Room for the frames of these limbs among some shapes that stand."""
+    from workcell.motion.live.kernels.desk import Desk
     from workcell.motion.live.kernels.limbs import Place
     from workcell.motion.live.kernels.near import MOST_NEAR, Near
     from workcell.motion.live.kernels.program import Program
-    from workcell.motion.live.kernels.relax import Desk
     from workcell.motion.live.kernels.terms import Sum
 
     n, m = limbs.bounds.shape[1], len(limbs.couple.variable)
@@ -130,7 +160,8 @@ def make_desk(limbs: Limbs) -> Desk:
     small = min(6, n)
     rows = 2 * n + 2 * MOST_NEAR + 2 * tools
     place = Place(
-        np.empty(m), np.empty(m), np.empty((links, 12)), np.empty((tools, 12)), np.empty((spheres, 3)), np.empty(m)
+        np.empty(m), np.empty(m), np.empty((links, 12)), np.empty((tools, 12)), np.empty((spheres, 3)),
+        np.empty((links, 3)), np.empty(m),
     )  # fmt: skip
     total = Sum(
         np.empty(n), np.eye(n), np.zeros(7), np.zeros((tools, 2)), np.empty((6, n)), np.empty(6), np.empty((6, n)),
@@ -138,7 +169,7 @@ def make_desk(limbs: Limbs) -> Desk:
     )  # fmt: skip
     near = Near(
         np.empty(MOST_NEAR), np.empty(MOST_NEAR), np.zeros((MOST_NEAR, 3), dtype=np.int64), np.empty((MOST_NEAR, n)),
-        np.zeros(1, dtype=np.int64),
+        np.zeros(1, dtype=np.int64), np.zeros(shapes, dtype=np.int64),
     )  # fmt: skip
     program = Program(
         np.empty((n + 1, n + 1)), np.empty((n + 1, n + 1)), np.empty(n + 1), np.empty((rows, n + 1)), np.empty(rows),
@@ -148,17 +179,26 @@ def make_desk(limbs: Limbs) -> Desk:
     return Desk(
         place, total, near, program, np.empty((n + 1, n + 1)), np.zeros(tools), np.empty((4 + tools, 6 + n)),
         np.empty((small, small)), np.empty((small, small)), np.empty(n), np.empty(n), np.empty((links + 1, links)),
-        np.empty((links + 1, links)),
+        np.empty((links + 1, links)), _windows(limbs, period), np.zeros((2, n)),
     )  # fmt: skip
+
+
+def _windows(limbs: Limbs, period: float) -> Array:
+    """(2, n) how far the relaxed solution may go in a period, and be from the arm: what it takes to stop."""
+    v, a, j = limbs.rates
+    return np.stack([v * period, v * v / (2.0 * a) + v * a / (2.0 * j) + v * period])
 
 
 def make_motion(limbs: Limbs) -> Motion:
     """Room for the arm's state."""
-    from workcell.motion.live.kernels.motion import Motion
+    from workcell.motion.live.kernels.motion import MOST_GUARDS, Motion
 
-    n, m = limbs.bounds.shape[1], len(limbs.couple.variable)
+    n, m, tools = limbs.bounds.shape[1], len(limbs.couple.variable), len(limbs.tools)
+    guards = MOST_GUARDS + 3 * n + tools
     return Motion(
         np.zeros((3, n)), np.zeros((3, n)), np.zeros((2, n)), np.zeros((3, n)), np.zeros(n), np.zeros((2, n)),
-        np.zeros(n, dtype=np.int64), np.zeros(n), np.zeros((3, n)), np.zeros(n), np.zeros(m), np.zeros(6),
-        np.zeros((16, 4), dtype=np.int64), np.zeros(1, dtype=np.int64),
+        np.zeros(n, dtype=np.int64), np.zeros(n), np.zeros(n, dtype=np.int64), np.zeros((3, n)), np.zeros(n),
+        np.zeros(m), np.zeros(6),
+        np.zeros((guards, 4), dtype=np.int64), np.zeros(guards), np.zeros(1, dtype=np.int64),
+        np.zeros(2 * n + 3 * tools + 8), np.zeros(4, dtype=np.int64),
     )  # fmt: skip

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,19 +130,20 @@ class Truth:
         nearest = min(found, key=lambda one: one.distance)
         return nearest.distance, " and ".join(nearest.pair)
 
-    def start(self, q: Array) -> None:
-        """Look at where the arms stand (n,)."""
-        self._here = self.distance(q)[0]
+    def refuses(self, frame: Any, limbs: Limbs, motion: Motion, period: float) -> str:
+        """Whose distances don't show the next step, and the stop after it, to be clear; empty where they do.
 
-    def refuses(self, motion: Motion, limbs: Limbs, period: float) -> str:
-        """Whose distances don't show the next step, and the stop after it, to be clear; empty where they do."""
+        Args:
+            frame: for the kernels; limbs, motion: of it.
+            period: seconds of the step.
+        """
         if not self._asked:
             return ""
-        kernels = importlib.import_module("workcell.motion.live.kernels.frame")
+        kernels = importlib.import_module("workcell.motion.live.kernels.commit")
         refused = ""
         for parts in _PARTS:
             q, drifts = np.empty((parts, motion.end.size)), np.empty((parts, limbs.levers.shape[2]))
-            kernels.along_stop(limbs, motion, period, q, drifts)
+            kernels.along_stop(frame, period, q, drifts)
             refused = self._not_shown(q, drifts, limbs)
             if not refused:
                 return ""

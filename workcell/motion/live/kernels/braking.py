@@ -66,7 +66,10 @@ def stop_time(v: float, a: float, most: float, jerk: float) -> float:
 @inner
 def stop_length(v: float, a: float, most: float, jerk: float) -> float:
     """Displacement until rest."""
-    return stopping(v, a, most, jerk, 1e9)[0]
+    sign, first, second, third = stop_of(v, a, most, jerk)
+    x, v, a = _under(v, a, -sign * jerk, first)
+    x += second * (v + 0.5 * second * a)
+    return x + third * (v + second * a + third * (0.5 * a + third * sign * jerk / 6.0))
 
 
 @inner

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.jit import inner
+from workcell.jit import inlined, inner
 from workcell.kernels.chain import Point, Tree, add_rates, carried, forward_tree
 from workcell.kernels.coupling import Couple, follow, gather
 from workcell.pose import Array
@@ -25,9 +25,13 @@ class Limbs(NamedTuple):
         tools: (k, 13) link, rotation (9, row-major) and position (3) in the link's axis frame.
         spheres: (s, 5) centre in the link's axis frame, radius, link; sorted by link.
         rows: (m + 1, 2) first and last row in `spheres` of each link.
-        pairs: (p, 2) rows of spheres that must keep clear of each other.
+        balls: (m + 1, 4) a ball around the spheres of each link: centre in its axis frame, radius, -1 without spheres.
+        pairs: (p, 2) rows of spheres that must keep clear of each other, sorted by their links.
+        runs: (b, 5) of pairs that one sphere has with one link: its link (the lower one), the other, the sphere, and
+            the first and last row of the pairs.
         levers: (m + 1, m + 1, m) metres by which a radian (or metre) of each joint may move points of link b seen from
             link a; row 0: from the world.
+        shy: (m + 1, m + 1) metres of clearance between link a and link b > a at which the collision term is a quarter.
         bounds: (2, n) position limits.
         rates: (3, n) limits of velocity, acceleration and jerk.
     """
@@ -37,8 +41,11 @@ class Limbs(NamedTuple):
     tools: Array
     spheres: Array
     rows: Index
+    balls: Array
     pairs: Index
+    runs: Index
     levers: Array
+    shy: Array
     bounds: Array
     rates: Array
 
@@ -50,7 +57,7 @@ class Place(NamedTuple):
         values, slopes: (m,) of the joints.
         T: (m + 1, 12) frames of the links.
         tools: (k, 12) frames of the tools.
-        centres: (s, 3) of the spheres.
+        centres: (s, 3) of the spheres; balls: (m + 1, 3) of the links' balls.
         row: (m,) a gradient by joints, on its way to one by variables.
     """
 
@@ -59,6 +66,7 @@ class Place(NamedTuple):
     T: Array
     tools: Array
     centres: Array
+    balls: Array
     row: Array
 
 
@@ -82,6 +90,9 @@ def put(limbs: Limbs, q: Array, place: Place) -> None:
     for i in range(limbs.spheres.shape[0]):
         x, y, z = carried(T, int(limbs.spheres[i, 4]), limbs.spheres, i)
         place.centres[i, 0], place.centres[i, 1], place.centres[i, 2] = x, y, z
+    for link in range(limbs.balls.shape[0]):
+        x, y, z = carried(T, link, limbs.balls, link)
+        place.balls[link, 0], place.balls[link, 1], place.balls[link, 2] = x, y, z
 
 
 @inner
@@ -110,7 +121,7 @@ def tool_jacobian(limbs: Limbs, place: Place, tool: int, J: Array) -> None:
         link = limbs.tree.parents[link]
 
 
-@inner
+@inlined
 def point_gradient(
     limbs: Limbs,
     place: Place,

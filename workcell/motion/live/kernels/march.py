@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
-from workcell.jit import inner
+from workcell.jit import inlined, inner
 from workcell.kernels.coupling import spread
 from workcell.motion.live.kernels.braking import farthest, stop_time, stopping
+from workcell.motion.live.kernels.desk import Desk, Surroundings
 from workcell.motion.live.kernels.limbs import Limbs, put
 from workcell.motion.live.kernels.motion import Motion
 from workcell.motion.live.kernels.near import APART, Movers, link_gaps, move_obstacles
-from workcell.motion.live.kernels.relax import Desk, Surroundings
 from workcell.pose import Array
 
 _MOST_LOOKS = 14
@@ -34,12 +34,12 @@ def drifts(limbs: Limbs, state: Array, t: float, length: float, motion: Motion) 
         motion.drift[j] = spread(limbs.couple, j, state[0, k], reach)[0] * motion.then[k]
 
 
-@inner
-def _drift_of(limbs: Limbs, motion: Motion, a: int, b: int) -> float:
+@inlined
+def _drift_of(levers: Array, drift: Array, a: int, b: int) -> float:
     """How far points of link b move relative to link a (0: to the world) while joints drift."""
     moved = 0.0
-    for j in range(motion.drift.shape[0]):
-        moved += limbs.levers[a, b, j] * motion.drift[j]
+    for j in range(drift.shape[0]):
+        moved += levers[a, b, j] * drift[j]
     return moved
 
 
@@ -58,10 +58,10 @@ def _fastest(movers: Movers) -> float:
 @inner
 def _farthest_drift(limbs: Limbs, motion: Motion) -> float:
     """The largest motion of any link, in the world or relative to another, while joints drift."""
-    most, links = 0.0, limbs.rows.shape[0]
+    most, links, levers, drift = 0.0, limbs.rows.shape[0], limbs.levers, motion.drift
     for b in range(1, links):
         for a in range(b):
-            most = max(most, _drift_of(limbs, motion, a, b))
+            most = max(most, _drift_of(levers, drift, a, b))
     return most
 
 
@@ -69,12 +69,13 @@ def _farthest_drift(limbs: Limbs, motion: Motion) -> float:
 def _outrun(limbs: Limbs, around: Surroundings, motion: Motion, gaps: Array, length: float) -> float:
     """The least gap (as `link_gaps` has them) less how far links drift in `length` seconds, and movers with them."""
     links, least, fastest = limbs.rows.shape[0], 1e9, _fastest(around.movers)
+    levers, drift = limbs.levers, motion.drift
     for b in range(1, links):
-        moved = _drift_of(limbs, motion, 0, b)
+        moved = _drift_of(levers, drift, 0, b)
         least = min(least, gaps[0, b] - moved, gaps[b + 1, b] - moved - fastest * length)
         for a in range(b):
             if gaps[a + 1, b] < APART:
-                least = min(least, gaps[a + 1, b] - _drift_of(limbs, motion, a, b))
+                least = min(least, gaps[a + 1, b] - _drift_of(levers, drift, a, b))
     return least
 
 
@@ -85,14 +86,16 @@ def measure_at(
     """Gaps at motion.then, t seconds from now, up to a ceiling, less what is to be kept; the smallest."""
     put(limbs, motion.then, desk.place)
     move_obstacles(around.movers, t)
-    smallest = link_gaps(limbs, around.shapes, around.movers, around.skipped, desk.place, ceiling, desk.gaps)
+    smallest = link_gaps(
+        limbs, around.shapes, around.movers, around.skipped, desk.place, ceiling, desk.gaps, desk.near.close
+    )
     for a in range(desk.gaps.shape[0]):
         for b in range(desk.gaps.shape[1]):
             desk.gaps[a, b] -= around.keep[0]
     return float(smallest - around.keep[0])
 
 
-@inner
+@inlined
 def _measure(
     limbs: Limbs, around: Surroundings, motion: Motion, desk: Desk, state: Array, t: float, period: float,
     ceiling: float,

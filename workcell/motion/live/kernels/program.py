@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.jit import inner
+from workcell.jit import inlined, inner
 from workcell.pose import Array
 
 _STEPS = 200
@@ -78,7 +78,7 @@ def invert(H: Array, program: Program) -> bool:
     return True
 
 
-@inner
+@inlined
 def add_row(program: Program, bound: float) -> Array:
     """A new row of zeros with its bound; it is to be filled in by the caller."""
     at = program.used[0]

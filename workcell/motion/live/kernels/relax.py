@@ -6,80 +6,23 @@ and those of tools near a singularity; what of the step makes the sum larger is 
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
-
-from workcell.jit import inner, kernel
-from workcell.kernels.shapes import Shapes
-from workcell.motion.live.kernels.conditioning import conditioning, conditioning_gradient
-from workcell.motion.live.kernels.limbs import Limbs, Place, put, tool_jacobian
-from workcell.motion.live.kernels.near import Movers, Near, find_near, move_obstacles
-from workcell.motion.live.kernels.program import Program, add_row, invert, solve
-from workcell.motion.live.kernels.terms import SHY, Sum, Wish, weigh
+from workcell.jit import inlined, inner, kernel
+from workcell.motion.live.kernels.conditioning import conditioning_gradient
+from workcell.motion.live.kernels.desk import Desk, Surroundings, condition, look
+from workcell.motion.live.kernels.frame import Frame
+from workcell.motion.live.kernels.limbs import Limbs
+from workcell.motion.live.kernels.near import move_obstacles
+from workcell.motion.live.kernels.program import add_row, invert, solve
+from workcell.motion.live.kernels.terms import AWARE, Wish, weigh
 from workcell.pose import Array
 
 _SLACK = 1e4
 """How much stiffer the shared slack of soft rows is than the stiffest direction of the sum."""
-_SETTLED = 1e-7
-"""Radians of a step below which a frame is settled."""
+_SETTLED = 1e-4
+"""Radians of a step below which a frame is settled: what is left is a thousandth of it, and less."""
 
 
-class Surroundings(NamedTuple):
-    """What the limbs must keep off.
-
-    Attributes:
-        shapes: what stands; movers: what moves.
-        skipped: (s, k) spheres and shapes that don't count.
-        keep: (2,) metres to keep: of the margin that the caller asked for, and a little that rows keep on top.
-        least: (k,) conditioning below which a tool counts as singular.
-    """
-
-    shapes: Shapes
-    movers: Movers
-    skipped: NDArray[np.bool_]
-    keep: Array
-    least: Array
-
-
-class Desk(NamedTuple):
-    """Scratch: places, sums, near pairs, programs, singular vectors (see `workcell.motion.live.packing`)."""
-
-    place: Place
-    total: Sum
-    near: Near
-    program: Program
-    matrix: Array
-    ratio: Array
-    vectors: Array
-    gram: Array
-    eigenvectors: Array
-    slope: Array
-    trial: Array
-    gaps: Array
-    gaps_then: Array
-
-
-@inner
-def look(limbs: Limbs, around: Surroundings, desk: Desk, q: Array, margin: float) -> float:
-    """Put the limbs at q and find what is nearer than `margin`; the smallest gap."""
-    put(limbs, q, desk.place)
-    return find_near(
-        limbs, around.shapes, around.movers, around.skipped, desk.place, margin, margin, desk.near
-    )
-
-
-@inner
-def condition(limbs: Limbs, around: Surroundings, desk: Desk, t: int) -> float:
-    """The conditioning of tool t where the limbs have been put."""
-    tool_jacobian(limbs, desk.place, t, desk.total.J)
-    ratio = conditioning(desk.total.J, desk.gram, desk.eigenvectors, desk.vectors)
-    desk.ratio[t] = ratio
-    return ratio
-
-
-@inner
+@inlined
 def _add_near_rows(desk: Desk, around: Surroundings, n: int, part: float) -> None:
     """Rows over steps and slack: a step may use up `part` of what is left of a gap, and opens what is too narrow."""
     near, keep = desk.near, around.keep[0] + around.keep[1]
@@ -92,11 +35,11 @@ def _add_near_rows(desk: Desk, around: Surroundings, n: int, part: float) -> Non
         row[n] = 1.0
 
 
-@inner
+@inlined
 def _add_singular_rows(limbs: Limbs, around: Surroundings, desk: Desk, wish: Wish, n: int) -> None:
     """Rows that keep tools at their conditioning's least, or let it grow where they are below."""
     for t in range(wish.goals.shape[0]):
-        if around.least[t] <= 0.0:
+        if around.least[t] <= 0.0 or desk.ratio[t] > 4.0 * around.least[t]:
             continue
         ratio = condition(limbs, around, desk, t)
         if ratio > 2.0 * around.least[t]:
@@ -140,54 +83,80 @@ def _step(
     return solve(program, 1e-9)
 
 
-@kernel
-def relax(
-    limbs: Limbs, around: Surroundings, wish: Wish, desk: Desk, low: Array, high: Array, q: Array, period: float,
-    rounds: int,
-) -> float:  # fmt: skip
-    """Up to `rounds` rounds from q (n,), changed; returns the length of the last step, 0 where it is settled.
+@inlined
+def _set_box(limbs: Limbs, desk: Desk, wish: Wish, now: Array, q: Array) -> None:
+    """Where the solution may go in this frame, and q, where the search for it begins: at the last one, going on."""
+    for k in range(q.shape[0]):
+        last, low, high = wish.past[0, k], limbs.bounds[0, k], limbs.bounds[1, k]
+        low = min(max(last - desk.windows[0, k], now[k] - desk.windows[1, k], low), high)
+        high = min(max(min(last + desk.windows[0, k], now[k] + desk.windows[1, k]), low), high)
+        desk.box[0, k], desk.box[1, k] = low, high
+        q[k] = min(max(2.0 * last - wish.past[1, k], low), high)
 
-    Movers are looked at where they will be after the period.
+
+@kernel
+def relax(frame: Frame, period: float, rounds: int, fresh: bool) -> float:
+    """Up to `rounds` rounds of the frame's relaxed solution, `motion.wanted`, which a fresh frame begins anew.
+
+    Returns the length of the last step, 0 where it is settled. Movers are looked at where they are after the period.
     """
-    n = q.shape[0]
-    for k in range(n):
-        q[k] = min(max(q[k], low[k]), high[k])
-    move_obstacles(around.movers, period)
-    look(limbs, around, desk, q, SHY)
-    value = weigh(limbs, wish, desk.place, desk.near, q, desk.total)
-    length = 0.0
+    limbs, around, wish, desk, motion = frame.limbs, frame.around, frame.wish, frame.desk, frame.motion
+    q, past = motion.wanted[0], wish.past[0]
+    if fresh:
+        _set_box(limbs, desk, wish, motion.now[0], q)
+        move_obstacles(around.movers, period)
+    look(limbs, around, desk, q, AWARE)
+    value, length = weigh(limbs, wish, desk.place, desk.near, q, desk.total), 0.0
     for _ in range(rounds):
-        if not _step(limbs, around, wish, desk, low, high, q):
-            return 0.0
         length = 0.0
-        for k in range(n):
-            length = max(length, abs(desk.program.x[k]))
-        for k in range(n):
-            desk.slope[k] = desk.program.x[k]
-        slack, share, better = desk.program.x[n], 1.0, False
-        for _half in range(4):
-            for k in range(n):
-                desk.trial[k] = min(max(q[k] + share * desk.slope[k], low[k]), high[k])
-            look(limbs, around, desk, desk.trial, SHY)
-            trial = weigh(limbs, wish, desk.place, desk.near, desk.trial, desk.total)
-            # a step that rows asked for may make the sum larger
-            if trial <= value + 1e-12 * abs(value) or slack > 1e-6 or (share == 1.0 and _pushed(desk, n)):
-                better = True
-                break
-            share *= 0.5
-        if not better:
-            look(limbs, around, desk, q, SHY)
-            weigh(limbs, wish, desk.place, desk.near, q, desk.total)
-            return 0.0
-        value = trial
-        for k in range(n):
-            q[k] = desk.trial[k]
+        if _step(limbs, around, wish, desk, desk.box[0], desk.box[1], q):
+            value, length = _go(limbs, around, wish, desk, q, value)
         if length < _SETTLED:
-            return 0.0
+            length = 0.0
+            break
+    for k in range(q.shape[0]):
+        motion.wanted[1, k] = (q[k] - past[k]) / period
     return length
 
 
+@kernel
+def objective(frame: Frame, q: Array, gradient: Array) -> float:
+    """The frame's weighted sum at q (n,), and its gradient (n,)."""
+    look(frame.limbs, frame.around, frame.desk, q, AWARE)
+    desk = frame.desk
+    value = weigh(frame.limbs, frame.wish, desk.place, desk.near, q, desk.total)
+    for k in range(q.shape[0]):
+        gradient[k] = desk.total.gradient[k]
+    return value
+
+
 @inner
+def _go(
+    limbs: Limbs, around: Surroundings, wish: Wish, desk: Desk, q: Array, value: float
+) -> tuple[float, float]:  # fmt: skip
+    """Take of the program's step what makes the sum smaller; the sum there and the step's length, 0: none taken."""
+    n, length = q.shape[0], 0.0
+    for k in range(n):
+        desk.slope[k] = desk.program.x[k]
+        length = max(length, abs(desk.slope[k]))
+    slack, share, pushed = desk.program.x[n], 1.0, _pushed(desk, n)
+    for _ in range(4):
+        for k in range(n):
+            desk.trial[k] = min(max(q[k] + share * desk.slope[k], desk.box[0, k]), desk.box[1, k])
+        look(limbs, around, desk, desk.trial, AWARE)
+        trial = weigh(limbs, wish, desk.place, desk.near, desk.trial, desk.total)
+        # a step that rows asked for may make the sum larger
+        if trial <= value + 1e-12 * abs(value) or slack > 1e-6 or (share == 1.0 and pushed):
+            for k in range(n):
+                q[k] = desk.trial[k]
+            return trial, length
+        share *= 0.5
+    look(limbs, around, desk, q, AWARE)
+    weigh(limbs, wish, desk.place, desk.near, q, desk.total)
+    return value, 0.0
+
+
+@inlined
 def _pushed(desk: Desk, n: int) -> bool:
     """Whether a row that is no bound of a joint shaped the step."""
     pushed = False

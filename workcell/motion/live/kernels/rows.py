@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from workcell.jit import inner
+from workcell.jit import inlined, inner
 from workcell.motion.live.kernels.braking import after
+from workcell.motion.live.kernels.desk import Desk, Surroundings
 from workcell.motion.live.kernels.limbs import Limbs, put
-from workcell.motion.live.kernels.motion import STOPPING, Motion
+from workcell.motion.live.kernels.motion import MOST_GUARDS, NEAR, STOPPING, Motion
 from workcell.motion.live.kernels.near import find_near, move_obstacles
 from workcell.motion.live.kernels.program import add_row, invert
-from workcell.motion.live.kernels.relax import Desk, Surroundings
 from workcell.motion.live.kernels.terms import Wish
 from workcell.motion.live.kernels.windows import aim, end_of
 from workcell.pose import Array
@@ -19,6 +19,8 @@ _YIELD = 4.0
 """Per second: what moves may close a gap by this share."""
 _STIFF = 1e4
 """How much stiffer the shared slack of rows is than the stiffest direction of the sum."""
+_FULL = 1.0 - 1e-6
+"""Share of a limit that is all of it."""
 
 
 @inner
@@ -39,8 +41,13 @@ def set_program(limbs: Limbs, motion: Motion, desk: Desk, period: float) -> bool
         return False
     program.used[0] = 0
     for k in range(n):
-        motion.aim[k] = 0.0 if motion.held[k] == STOPPING else aim(limbs, motion, k, period)
-        program.x[k] = motion.aim[k]
+        share, most = 0.0, limbs.rates[1, k]
+        motion.limited[k] = 0
+        if motion.held[k] != STOPPING:
+            share = aim(limbs, motion, k, period)
+            reached = motion.now[2, k] + share * limbs.rates[2, k] * period
+            motion.limited[k] = abs(share) > _FULL or abs(reached) > _FULL * most
+        motion.aim[k], program.x[k] = share, share
         add_row(program, motion.windows[0, k])[k] = 1.0
         add_row(program, -motion.windows[1, k])[k] = -1.0
     program.x[n] = 0.0
@@ -74,7 +81,7 @@ def add_stop_rows(
             row[k] = g[k] * desk.slope[k]
         row[n] = 1.0
     for t in range(wish.goals.shape[0]):
-        if not 0.0 < desk.ratio[t] < 2.0 * around.least[t]:
+        if 2.0 * around.least[t] <= desk.ratio[t]:
             continue
         value = desk.ratio[t]
         ends = desk.vectors[4 + t]
@@ -110,15 +117,21 @@ def add_yield_rows(limbs: Limbs, around: Surroundings, motion: Motion, desk: Des
         row[n] = 1.0
 
 
+@inlined
+def note(motion: Motion, kind: int, first: int, second: int, third: int, value: float) -> None:
+    """Write a guard down."""
+    at = motion.used[0]
+    guards = motion.guards[at]
+    guards[0], guards[1], guards[2], guards[3] = kind, first, second, third
+    motion.values[at] = value
+    motion.used[0] = at + 1
+
+
 @inner
 def note_guards(motion: Motion, desk: Desk, rows: int) -> None:
     """Write down which rows of what is near shaped the program's step."""
-    motion.used[0] = 0
     for i in range(desk.program.used[1]):
         c = desk.program.active[i] - rows
-        if 0 <= c < desk.near.used[0] and motion.used[0] < motion.guards.shape[0]:
-            at = motion.used[0]
-            for r in range(3):
-                motion.guards[at, r] = desk.near.who[c, r]
-            motion.guards[at, 3] = int(1e6 * desk.near.gap[c])
-            motion.used[0] = at + 1
+        if 0 <= c < desk.near.used[0] and motion.used[0] < MOST_GUARDS:
+            who = desk.near.who[c]
+            note(motion, NEAR, who[0], who[1], who[2], desk.near.gap[c])

@@ -13,15 +13,20 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from workcell.jit import inner
+import numpy as np
+from numpy.typing import NDArray
+
+from workcell.jit import inlined, inner
 from workcell.motion.live.kernels.limbs import Limbs, Place, tool_jacobian, turn_error
 from workcell.motion.live.kernels.near import Near
 from workcell.pose import Array
 
 GROOVE, STEEPNESS = 0.2, 5.0
 """c and r of the groove loss, the same for every term."""
-SHY = 0.06
+AWARE = 0.06
 """Metres of clearance below which the collision term counts."""
+SHY = 2e-3
+"""Metres of clearance at which the collision term is a quarter of its value in contact."""
 
 
 class Wish(NamedTuple):
@@ -62,7 +67,7 @@ class Sum(NamedTuple):
     vector: Array
 
 
-@inner
+@inlined
 def _loss(u: float, quadratic: bool) -> tuple[float, float, float]:
     """Value and slope of the loss at a squared length, and the curvature of its convex part."""
     if quadratic:
@@ -75,7 +80,7 @@ def _loss(u: float, quadratic: bool) -> tuple[float, float, float]:
     )
 
 
-@inner
+@inlined
 def _add_rows(total: Sum, first: int, weight: float, quadratic: bool) -> tuple[float, float]:
     """Add the term of three residuals and their rates; its length, and what it adds to the value."""
     n = total.gradient.shape[0]
@@ -104,7 +109,7 @@ def _add_rows(total: Sum, first: int, weight: float, quadratic: bool) -> tuple[f
     return math.sqrt(u), weight * value
 
 
-@inner
+@inlined
 def _outside(value: float, low: float, high: float) -> float:
     return value - high if value > high else value - low if value < low else 0.0
 
@@ -145,7 +150,7 @@ def _tool_residual(wish: Wish, place: Place, t: int, total: Sum) -> None:
             total.rows[3 + c, k] = 0.0 if free else rates[c]
 
 
-@inner
+@inlined
 def _add_joints(
     total: Sum, wish: Wish, q: Array, kind: int, weight: float, quadratic: bool
 ) -> tuple[float, float]:
@@ -171,20 +176,43 @@ def _add_joints(
 
 
 @inner
-def _add_collision(total: Sum, near: Near, weight: float) -> tuple[float, float]:
-    """Add the term that keeps off what is near: squared shortfalls of clearance as shares of `SHY`."""
+def _add_collision(limbs: Limbs, near: Near, total: Sum, weight: float) -> tuple[float, float]:
+    """Add the term that keeps off what is near: (d / (gap + d))^2 with a small d, going on straight below 0.
+
+    Of the spheres of a link and one other thing only the nearest pair counts.
+    """
     n, value = total.gradient.shape[0], 0.0
     for c in range(near.used[0]):
-        short = 1.0 - near.gap[c] / SHY
-        if short <= 0.0:
+        if _is_outdone(limbs.spheres, near.who, near.gap, c, near.used[0]):
             continue
-        value += short * short
-        slope, bend = -2.0 * weight * short / SHY, 2.0 * weight / (SHY * SHY)
+        d = SHY
+        if near.who[c, 1] == 2:
+            a, b = int(limbs.spheres[near.who[c, 0], 4]), int(limbs.spheres[near.who[c, 2], 4])
+            d = limbs.shy[min(a, b), max(a, b)]
+        gap = near.gap[c]
+        share = d / (max(gap, 0.0) + d)
+        slope, bend = -2.0 * share * share * share / d, 6.0 * share**4 / (d * d)
+        value += share * share + min(gap, 0.0) * slope
+        slope *= weight
+        bend *= weight
         for k in range(n):
             total.gradient[k] += slope * near.gradient[c, k]
             for m in range(k + 1):
                 total.matrix[k, m] += bend * near.gradient[c, k] * near.gradient[c, m]
     return value, weight * value
+
+
+@inner
+def _is_outdone(spheres: Array, who: NDArray[np.int64], gaps: Array, c: int, count: int) -> bool:
+    """Whether another pair of the same link and the same thing is nearer than pair c."""
+    link, kind, other = spheres[who[c, 0], 4], who[c, 1], who[c, 2]
+    for o in range(count):
+        if who[o, 1] != kind or spheres[who[o, 0], 4] != link or o == c:
+            continue
+        same = who[o, 2] == other if kind != 2 else spheres[who[o, 2], 4] == spheres[other, 4]
+        if same and (gaps[o] < gaps[c] or (gaps[o] == gaps[c] and o < c)):
+            return True
+    return False
 
 
 @inner
@@ -219,7 +247,7 @@ def weigh(limbs: Limbs, wish: Wish, place: Place, near: Near, q: Array, total: S
     for c in range(3):
         total.terms[2 + c], part = _add_joints(total, wish, q, c, weights[2 + c], quadratic)
         value += part
-    total.terms[6], part = _add_collision(total, near, weights[6])
+    total.terms[6], part = _add_collision(limbs, near, total, weights[6])
     value += part
     for k in range(n):
         for m in range(k):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from workcell.jit import inner
-from workcell.motion.live.kernels.braking import after, highest_jerk, stop_length, stopping
+from workcell.jit import inlined, inner
+from workcell.motion.live.kernels.braking import State, after, highest_jerk, stop_length, stopping
 from workcell.motion.live.kernels.limbs import Limbs
 from workcell.motion.live.kernels.motion import FREE, STOPPING, Motion
 from workcell.pose import Array
+
+_CLOSER, _CLOSE = 16, 1e-10
+"""Tries to find an aim, and the radians (or metres) by which it may miss."""
 
 
 @inner
@@ -26,36 +29,43 @@ def open_windows(limbs: Limbs, motion: Motion, period: float) -> None:
         motion.held[k], motion.windows[0, k], motion.windows[1, k] = FREE, low, high
 
 
-@inner
-def _beyond_target(limbs: Limbs, motion: Motion, k: int, share: float, period: float) -> float:
-    """By how much the joint's stop, seen from its moving target, ends beyond it after a jerk.
+@inlined
+def _beyond_target(off: State, most: float, jerk: float, rate: float, period: float) -> float:
+    """By how much a joint's stop, seen from its moving target, ends beyond it after a period of some jerk.
 
     A stop shorter than a period can't be carried out. Near the target a linear term outweighs it, with which a joint
     that holds this at zero from period to period comes to rest (four tenths are left after each), and not to swing.
     """
-    x, v, a = motion.now[0, k], motion.now[1, k], motion.now[2, k]
-    jerk, most = limbs.rates[2, k], limbs.rates[1, k]
-    y, w, b = after(x, v, a, share * jerk, period)
-    faster = w - motion.wanted[1, k]
-    calm = period * (1.5 * faster + 0.5 * period * b)
-    return float(y - motion.wanted[0, k] + calm + stop_length(faster, b, most, jerk))
+    y, w, b = after(off[0], off[1], off[2], rate, period)
+    return y + period * (1.5 * w + 0.5 * period * b) + stop_length(w, b, most, jerk)
 
 
 @inner
 def aim(limbs: Limbs, motion: Motion, k: int, period: float) -> float:
     """The share of jerk within the window after which the joint's stop comes nearest to its moving target."""
     low, high = motion.windows[0, k], motion.windows[1, k]
-    if _beyond_target(limbs, motion, k, low, period) >= 0.0:
+    most, jerk = limbs.rates[1, k], limbs.rates[2, k]
+    # seen from the target as it goes on after the period
+    speed = motion.wanted[1, k]
+    off = motion.now[0, k] + speed * period - motion.wanted[0, k], motion.now[1, k] - speed, motion.now[2, k]
+    below = _beyond_target(off, most, jerk, low * jerk, period)
+    above = _beyond_target(off, most, jerk, high * jerk, period)
+    if below >= 0.0:
         return float(low)
-    if _beyond_target(limbs, motion, k, high, period) <= 0.0:
+    if above <= 0.0:
         return float(high)
-    for _ in range(24):
-        middle = 0.5 * (low + high)
-        if _beyond_target(limbs, motion, k, middle, period) <= 0.0:
-            low = middle
+    # regula falsi; the end that stays counts half (Illinois), so that both ends move
+    share = low
+    for _ in range(_CLOSER):
+        share = low - below * (high - low) / (above - below)
+        beyond = _beyond_target(off, most, jerk, share * jerk, period)
+        if abs(beyond) < _CLOSE:
+            break
+        if beyond < 0.0:
+            low, below, above = share, beyond, 0.5 * above
         else:
-            high = middle
-    return float(low)
+            high, above, below = share, beyond, 0.5 * below
+    return float(share)
 
 
 @inner

@@ -23,7 +23,10 @@ from llvmlite.binding import Linkage
 from numba import njit
 from numba.core import event, types
 from numba.core.caching import IndexDataCacheFile
-from numba.core.codegen import CPUCodeLibrary
+from numba.core.codegen import CPUCodeLibrary, JITCodeLibrary
+from numba.core.compiler import Compiler
+from numba.core.compiler_machinery import FunctionPass, register_pass
+from numba.core.typed_passes import NopythonTypeInference
 from numba.experimental import structref
 
 from workcell.clock import leave_out
@@ -89,6 +92,63 @@ def _with_copies_of_its_own(finalize: Callable[[Any], None]) -> Callable[[Any], 
 
 CPUCodeLibrary._finalize_final_module = _with_copies_of_its_own(CPUCodeLibrary._finalize_final_module)
 
+
+class _LeanLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """The code of a function that only becomes part of kernels: it is linked, but not translated."""
+
+    class _Nowhere:
+        """Where the environment of a function goes that is never called by itself."""
+
+        @staticmethod
+        def set_env(name: str, env: object) -> None:
+            """Nothing is there to be told."""
+
+    @property
+    def codegen(self) -> _Nowhere:
+        """See numba."""
+        return self._Nowhere()
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """None: it has no address."""
+        self._ensure_finalized()
+        return 0
+
+    def _optimize_final_module(self) -> None:
+        """Nothing: kernels do that, once, with all they call."""
+
+    def _finalize_final_module(self) -> None:
+        self._finalized = True
+
+
+@register_pass(mutates_CFG=False, analysis_only=True)
+class _LeanLowering(FunctionPass):  # type: ignore[misc]
+    """Gives a function its lean library."""
+
+    _name = "lean_lowering"
+
+    def __init__(self) -> None:
+        super().__init__()
+
+    def run_pass(self, state: Any) -> bool:
+        """See numba."""
+        state.library = _LeanLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        return False
+
+
+class _LeanCompiler(Compiler):  # type: ignore[misc]
+    """numba's compiler, up to the code that kernels link in."""
+
+    def define_pipelines(self) -> Any:
+        """See numba."""
+        pipelines = super().define_pipelines()
+        for pipeline in pipelines:
+            pipeline.add_pass_after(_LeanLowering, NopythonTypeInference)
+            pipeline.finalize()
+        return pipelines
+
+
+_LEAN = {**_INNER, "_nrt": False, "pipeline_class": _LeanCompiler}
+
 _clock = _Clock()
 event.register("numba:compile", _clock)
 
@@ -115,9 +175,18 @@ def inner(function: Function) -> Function:
     return compiled
 
 
+def lean(function: Function) -> Function:
+    """`inner` that makes no arrays and is translated as part of kernels only: for deep nests that take many arrays.
+
+    Arrays are not counted, and it is neither optimised nor cached by itself.
+    """
+    compiled: Function = njit(error_model="numpy", fastmath=_FAST, **_LEAN)(function)
+    return compiled
+
+
 def inlined(function: Function) -> Function:
-    """`inner` that becomes part of its callers: for what takes many arrays and does little."""
-    compiled: Function = _compiled(function, fastmath=_FAST, forceinline=True, **_INNER)
+    """`lean` that becomes part of its callers in any case: for what does little."""
+    compiled: Function = njit(error_model="numpy", fastmath=_FAST, forceinline=True, **_LEAN)(function)
     return compiled
 
 

@@ -167,14 +167,13 @@ class LiveIK:
 
     def _sample(self, share: float) -> None:
         """What is usual: rare conditioning of a tool counts as singular, links that are always near as clear."""
-        sampled = np.empty((_SAMPLES, len(self.names)))
-        draws = self.robot.random_configuration(np.random.default_rng(0), _SAMPLES)
-        _kernels()[2].ratios(self._frame, draws, sampled)
+        ratios = np.empty((_SAMPLES, len(self.names)))
         gaps = np.empty((_SAMPLES, *self._limbs.shy.shape))
-        _kernels()[2].usual_gaps(self._frame, draws, gaps)
+        draws = self.robot.random_configuration(np.random.default_rng(0), _SAMPLES)
+        _kernels()[2].sample(self._frame, draws, ratios, gaps)
         self._limbs.shy[:] = np.clip(0.1 * np.quantile(gaps, 0.05, axis=0), 1e-4, _SHY)
         if share > 0:
-            self.least_conditioning[:] = np.quantile(sampled, share, axis=0)
+            self.least_conditioning[:] = np.quantile(ratios, share, axis=0)
         self.least_conditioning = read_only(self.least_conditioning)
 
     def _weigh(self, weights: Weights) -> None:

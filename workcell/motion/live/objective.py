@@ -11,7 +11,7 @@ from workcell.pose import Array
 
 
 class Objective:
-    """What one frame minimises over configurations (n,): the paper's weighted sum (Eq. 1-2), collision term included.
+    """What one frame minimises over configurations (n,): the paper's weighted sum (Eq. 1-2).
 
     Args:
         frame: the frame's arrays for the kernels; box: (2, n) where its configurations are.

@@ -90,8 +90,9 @@ class Truth:
         return _Asked(smaller, self._links(smaller.pair_geoms))
 
     def _parts(self) -> tuple[Index, Index]:
-        """(g,) for each geom the part of the robots that it belongs to, a link or what a hand holds, -1 for the others;
-        and (s,) the same for each sphere.
+        """(g,) the part of the robots that each geom belongs to, and (s,) the same for each sphere.
+
+        A part is a link, or what a hand holds; -1 for all other geoms.
         """
         model, links = self._arms.worlds[0].scene.model, self._arms.robot.joint_count + 1
         of_body = np.full(model.nbody, -1, dtype=np.int64)

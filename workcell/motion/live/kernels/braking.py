@@ -1,4 +1,4 @@
-"""Coming to rest within acceleration and jerk limits, joint by joint, in closed form; and where that leaves room to go.
+"""Coming to rest within acceleration and jerk limits, joint by joint, in closed form; and what room that leaves.
 
 A joint's state is position, velocity and acceleration. It comes to rest in three phases: jerk until the acceleration is
 at its (negative) peak, that acceleration held, jerk back to none. The rest of such a stop is the stop of every state on
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from workcell.jit import inner
+from workcell.jit import lean
 
 Stop = tuple[float, float, float, float]
 """Sign of the motion that remains once the acceleration has gone, and the times of the three phases."""
@@ -19,7 +19,7 @@ State = tuple[float, float, float]
 _HALVINGS = 24
 
 
-@inner
+@lean
 def stop_of(v: float, a: float, most: float, jerk: float) -> Stop:
     """How a joint with velocity v and acceleration a comes to rest."""
     left = v + a * abs(a) / (2.0 * jerk)
@@ -33,13 +33,13 @@ def stop_of(v: float, a: float, most: float, jerk: float) -> Stop:
     return sign, max((a + peak) / jerk, 0.0), held, peak / jerk
 
 
-@inner
+@lean
 def _under(v: float, a: float, jerk: float, t: float) -> State:
     """Displacement, velocity and acceleration after t seconds of constant jerk."""
     return t * (v + t * (0.5 * a + t * jerk / 6.0)), v + t * (a + 0.5 * t * jerk), a + t * jerk
 
 
-@inner
+@lean
 def stopping(v: float, a: float, most: float, jerk: float, t: float) -> State:
     """Displacement, velocity and acceleration t seconds into the stop; at rest after its end."""
     sign, first, second, third = stop_of(v, a, most, jerk)
@@ -56,14 +56,14 @@ def stopping(v: float, a: float, most: float, jerk: float, t: float) -> State:
     return x, 0.0, 0.0
 
 
-@inner
+@lean
 def stop_time(v: float, a: float, most: float, jerk: float) -> float:
     """Seconds until rest."""
     _, first, second, third = stop_of(v, a, most, jerk)
     return first + second + third
 
 
-@inner
+@lean
 def stop_length(v: float, a: float, most: float, jerk: float) -> float:
     """Displacement until rest."""
     sign, first, second, third = stop_of(v, a, most, jerk)
@@ -72,7 +72,7 @@ def stop_length(v: float, a: float, most: float, jerk: float) -> float:
     return x + third * (v + second * a + third * (0.5 * a + third * sign * jerk / 6.0))
 
 
-@inner
+@lean
 def farthest(v: float, a: float, most: float, jerk: float) -> float:
     """The largest displacement on the way to rest: where the velocity ends, or first turns back."""
     end = max(stop_length(v, a, most, jerk), 0.0)
@@ -85,21 +85,21 @@ def farthest(v: float, a: float, most: float, jerk: float) -> float:
     return end
 
 
-@inner
+@lean
 def fits(x: float, v: float, a: float, top: float, fastest: float, most: float, jerk: float) -> bool:
     """Whether a state stays below `top` and its velocity below `fastest` on its way to rest."""
     peak = v + a * a / (2.0 * jerk) if a > 0.0 else v
     return peak <= fastest and x + farthest(v, a, most, jerk) <= top
 
 
-@inner
+@lean
 def after(x: float, v: float, a: float, jerk: float, period: float) -> State:
     """The state after one period of constant jerk."""
     dx, v, a = _under(v, a, jerk, period)
     return x + dx, v, a
 
 
-@inner
+@lean
 def _keeps(
     v: float, a: float, after: State, top: float, fastest: float, most: float, jerk: float, rate: float
 ) -> bool:
@@ -109,11 +109,11 @@ def _keeps(
     return peak <= fastest and fits(x, w, b, top, fastest, most, jerk)
 
 
-@inner
+@lean
 def highest_jerk(
     x: float, v: float, a: float, top: float, fastest: float, most: float, jerk: float, period: float
 ) -> float:
-    """The largest constant jerk of a period after which a joint can still come to rest below `top`; nan: there is none.
+    """The largest constant jerk of a period after which a joint can come to rest below `top`; nan: there is none.
 
     Velocity and acceleration stay below their limits in the period and until rest.
     """

@@ -1,13 +1,13 @@
-"""What a frame of live inverse kinematics does before and after the guard: goals in, histories, stops, what is told."""
+"""What a live frame does before and after the guard: goals in, histories, stops, what is told."""
 
 from __future__ import annotations
 
-from workcell.jit import inlined, kernel
-from workcell.kernels.shapes import to_shape
+from workcell.jit import kernel, lean
+from workcell.kernels.shapes import Shapes, to_shape
 from workcell.motion.live.kernels.braking import stop_time, stopping
-from workcell.motion.live.kernels.desk import Desk, condition
+from workcell.motion.live.kernels.desk import Desk, Surroundings, condition
 from workcell.motion.live.kernels.frame import Frame
-from workcell.motion.live.kernels.limbs import Limbs, put
+from workcell.motion.live.kernels.limbs import Limbs, Place, put
 from workcell.motion.live.kernels.march import drift_of_step, drifts
 from workcell.motion.live.kernels.motion import ACCELERATION, POSITION, SINGULARITY, VELOCITY, Motion
 from workcell.motion.live.kernels.near import link_gaps
@@ -31,7 +31,12 @@ def along_stop(frame: Frame, period: float, q: Array, moved: Array) -> None:
 
     And bounds (c, m) on how far joints move until the following one, in the first row from now on.
     """
-    limbs, motion = frame.limbs, frame.motion
+    _along_stop(frame.limbs, frame.motion, period, q, moved)
+
+
+@lean
+def _along_stop(limbs: Limbs, motion: Motion, period: float, q: Array, moved: Array) -> None:
+    """See `along_stop`."""
     count, n, whole = q.shape[0], motion.end.shape[0], 0.0
     for k in range(n):
         whole = max(
@@ -43,9 +48,11 @@ def along_stop(frame: Frame, period: float, q: Array, moved: Array) -> None:
             x = stopping(motion.next[1, k], motion.next[2, k], limbs.rates[1, k], limbs.rates[2, k], t)[0]
             q[i, k] = motion.next[0, k] + x
         drifts(limbs, motion.next, t, whole / count, motion)
-        moved[i] = motion.drift
+        for j in range(motion.drift.shape[0]):
+            moved[i, j] = motion.drift[j]
     drift_of_step(limbs, motion, motion.next, period)
-    moved[0] += motion.drift
+    for j in range(motion.drift.shape[0]):
+        moved[0, j] += motion.drift[j]
 
 
 @kernel
@@ -54,8 +61,14 @@ def commit(frame: Frame, refused: bool) -> None:
 
     Histories of the relaxed solution and of the arm's own go on.
     """
-    limbs, around, wish, mine = frame.limbs, frame.around, frame.wish, frame.mine
-    desk, motion = frame.desk, frame.motion
+    _commit(frame.limbs, frame.around, frame.wish, frame.mine, frame.desk, frame.motion, refused)
+
+
+@lean
+def _commit(
+    limbs: Limbs, around: Surroundings, wish: Wish, mine: Wish, desk: Desk, motion: Motion, refused: bool
+) -> None:  # fmt: skip
+    """See `commit`."""
     n, tools = motion.end.shape[0], wish.goals.shape[0]
     for k in range(n):
         for r in range(3):
@@ -81,14 +94,14 @@ def commit(frame: Frame, refused: bool) -> None:
     _tell(limbs, wish, desk, motion, refused)
 
 
-@inlined
+@lean
 def _remember(wish: Wish, q: Array) -> None:
     """The newest of three configurations (n,)."""
     for k in range(q.shape[0]):
         wish.past[2, k], wish.past[1, k], wish.past[0, k] = wish.past[1, k], wish.past[0, k], q[k]
 
 
-@inlined
+@lean
 def _note_joints(limbs: Limbs, motion: Motion) -> None:
     """Write down which limits joints are at."""
     for k in range(motion.end.shape[0]):
@@ -102,7 +115,7 @@ def _note_joints(limbs: Limbs, motion: Motion) -> None:
             note(motion, ACCELERATION, k, 0, 0, abs(motion.now[2, k]) / limbs.rates[1, k])
 
 
-@inlined
+@lean
 def _tell(limbs: Limbs, wish: Wish, desk: Desk, motion: Motion, refused: bool) -> None:
     """Write down the arm's state, its errors and how the frame went."""
     n, tools, out = motion.end.shape[0], wish.goals.shape[0], motion.out
@@ -140,33 +153,41 @@ def set_goal(frame: Frame, t: int, position: Array, quat_wxyz: Array, weight: fl
 
 
 @kernel
-def ratios(frame: Frame, q: Array, out: Array) -> None:
-    """Conditioning (b, k) of every tool at configurations (b, n)."""
-    limbs, around, desk = frame.limbs, frame.around, frame.desk
-    for b in range(q.shape[0]):
-        put(limbs, q[b], desk.place)
-        for t in range(out.shape[1]):
-            out[b, t] = condition(limbs, around, desk, t)
+def sample(frame: Frame, q: Array, ratios: Array, gaps: Array) -> None:
+    """What is usual at configurations (b, n).
+
+    Conditioning (b, k) of every tool, and gaps (b, m + 1, m + 1) of the links' own pairs, a lower and a higher link.
+    """
+    _sample(frame.limbs, frame.around, frame.desk, q, ratios, gaps)
 
 
-@kernel
-def usual_gaps(frame: Frame, q: Array, out: Array) -> None:
-    """Gaps (b, m + 1, m + 1) of the links' own pairs, a lower and a higher link, at configurations (b, n)."""
-    limbs, around, desk = frame.limbs, frame.around, frame.desk
+@lean
+def _sample(
+    limbs: Limbs, around: Surroundings, desk: Desk, q: Array, ratios: Array, gaps: Array
+) -> None:  # fmt: skip
+    """See `sample`."""
+    shapes, movers, skipped, near = around.shapes, around.movers, around.skipped, desk.near
     for b in range(q.shape[0]):
         put(limbs, q[b], desk.place)
-        link_gaps(
-            limbs, around.shapes, around.movers, around.skipped, desk.place, AWARE, desk.gaps, desk.near.close
-        )
-        out[b] = desk.gaps[1:]
+        link_gaps(limbs, shapes, movers, skipped, desk.place, AWARE, desk.gaps, near.close)
+        for i in range(gaps.shape[1]):
+            for j in range(gaps.shape[2]):
+                gaps[b, i, j] = desk.gaps[i + 1, j]
+        for t in range(ratios.shape[1]):
+            ratios[b, t] = condition(limbs, around, desk, t)
 
 
 @kernel
 def gaps_at(frame: Frame, q: Array, out: Array) -> None:
     """Gaps (s, k) of all spheres to all shapes at q (n,), whether they count or not."""
-    limbs, around, desk = frame.limbs, frame.around, frame.desk
-    put(limbs, q, desk.place)
+    _gaps_at(frame.limbs, frame.around.shapes, frame.desk.place, q, out)
+
+
+@lean
+def _gaps_at(limbs: Limbs, shapes: Shapes, place: Place, q: Array, out: Array) -> None:
+    """See `gaps_at`."""
+    put(limbs, q, place)
     for i in range(out.shape[0]):
-        x, y, z = desk.place.centres[i, 0], desk.place.centres[i, 1], desk.place.centres[i, 2]
+        x, y, z = place.centres[i, 0], place.centres[i, 1], place.centres[i, 2]
         for j in range(out.shape[1]):
-            out[i, j] = to_shape(around.shapes, j, x, y, z)[0] - limbs.spheres[i, 3]
+            out[i, j] = to_shape(shapes, j, x, y, z)[0] - limbs.spheres[i, 3]

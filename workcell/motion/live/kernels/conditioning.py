@@ -1,4 +1,4 @@
-"""How far a tool is from a singularity: smallest over largest singular value of its Jacobian, and the gradient of that.
+"""How far a tool is from a singularity: smallest over largest singular value of its Jacobian, with gradient.
 
 The Jacobian is the geometric one (metres and radians as they are). Its smaller Gram matrix is diagonalised by Jacobi's
 rotations; the singular values' rates follow from the rates of the Jacobian's columns.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from workcell.jit import inner
+from workcell.jit import lean
 from workcell.motion.live.kernels.limbs import Limbs, Place
 from workcell.pose import Array
 
@@ -16,7 +16,7 @@ _SWEEPS = 12
 _NOTHING = 1e-12
 
 
-@inner
+@lean
 def eigen(A: Array, V: Array) -> None:
     """Eigenvalues on the diagonal of a symmetric A (d, d), changed, and vectors in the columns of V (d, d)."""
     d = A.shape[0]
@@ -50,7 +50,7 @@ def eigen(A: Array, V: Array) -> None:
                     V[k, j], V[k, i] = c * a - s * b, s * a + c * b
 
 
-@inner
+@lean
 def conditioning(J: Array, A: Array, V: Array, vectors: Array) -> float:
     """The ratio for J (6, n). A and V (d, d), d = min(6, n), are scratch.
 
@@ -99,7 +99,7 @@ def conditioning(J: Array, A: Array, V: Array, vectors: Array) -> float:
     return float(vectors[2, 0] / max(vectors[3, 0], _NOTHING))
 
 
-@inner
+@lean
 def conditioning_gradient(
     limbs: Limbs, place: Place, tool: int, J: Array, vectors: Array, out: Array
 ) -> None:

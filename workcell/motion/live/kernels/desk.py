@@ -1,4 +1,4 @@
-"""What a frame's kernels work with: what the limbs must keep off, and a desk of scratch; looking at a configuration."""
+"""What a frame's kernels work with: what limbs must keep off, a desk of scratch, and a look around."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.jit import inlined
+from workcell.jit import lean
 from workcell.kernels.shapes import Shapes
 from workcell.motion.live.kernels.conditioning import conditioning
 from workcell.motion.live.kernels.limbs import Limbs, Place, put, tool_jacobian
@@ -60,7 +60,7 @@ class Desk(NamedTuple):
     box: Array
 
 
-@inlined
+@lean
 def look(limbs: Limbs, around: Surroundings, desk: Desk, q: Array, margin: float) -> float:
     """Put the limbs at q and find what is nearer than `margin`; the smallest gap."""
     put(limbs, q, desk.place)
@@ -69,7 +69,7 @@ def look(limbs: Limbs, around: Surroundings, desk: Desk, q: Array, margin: float
     )
 
 
-@inlined
+@lean
 def condition(limbs: Limbs, around: Surroundings, desk: Desk, t: int) -> float:
     """The conditioning of tool t where the limbs have been put."""
     tool_jacobian(limbs, desk.place, t, desk.total.J)

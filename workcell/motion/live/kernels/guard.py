@@ -1,4 +1,4 @@
-"""The step that is carried out: towards the relaxed solution, within limits, and from which the arm can stop clear.
+"""The step that is carried out: towards the relaxed solution, within limits, and the arm can stop after it.
 
 A joint may move by any constant jerk of the period after which it can still come to rest within its limits. Among
 these moves a quadratic program takes the nearest to the relaxed solution whose stop keeps off what is near; then the
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from workcell.jit import inlined, inner, kernel
+from workcell.jit import kernel, lean
 from workcell.motion.live.kernels.braking import stop_time
 from workcell.motion.live.kernels.conditioning import conditioning_gradient
 from workcell.motion.live.kernels.desk import Desk, Surroundings, condition
@@ -34,7 +34,14 @@ def guard(frame: Frame, period: float) -> None:
 
     Where nothing is wanted (nan), the arm is to stop.
     """
-    limbs, around, desk, motion = frame.limbs, frame.around, frame.desk, frame.motion
+    _guard(frame.limbs, frame.around, frame.wish, frame.desk, frame.motion, period)
+
+
+@lean
+def _guard(
+    limbs: Limbs, around: Surroundings, wish: Wish, desk: Desk, motion: Motion, period: float
+) -> None:  # fmt: skip
+    """See `guard`."""
     n = motion.end.shape[0]
     open_windows(limbs, motion, period)
     if math.isnan(motion.wanted[0, 0]):
@@ -43,7 +50,7 @@ def guard(frame: Frame, period: float) -> None:
     for c in range(5):
         motion.report[c] = 0.0
     motion.used[0] = 0
-    solved = _solve(limbs, around, frame.wish, desk, motion, period)
+    solved = _solve(limbs, around, wish, desk, motion, period)
     state_after(limbs, motion, desk.trial, period, motion.best)
     share = 1.0 if solved else 0.0
     best, best_share = -1e9, 0.0
@@ -70,7 +77,7 @@ def guard(frame: Frame, period: float) -> None:
     motion.report[0], motion.report[1], motion.report[2] = share, 0.0, best
 
 
-@inlined
+@lean
 def _blend(motion: Motion, share: float) -> None:
     """The next state: a share of the best one, the rest of it stopping."""
     for k in range(motion.end.shape[0]):
@@ -78,7 +85,7 @@ def _blend(motion: Motion, share: float) -> None:
             motion.next[r, k] = share * motion.best[r, k] + (1.0 - share) * motion.stop[r, k]
 
 
-@inner
+@lean
 def _solve(
     limbs: Limbs, around: Surroundings, wish: Wish, desk: Desk, motion: Motion, period: float
 ) -> bool:  # fmt: skip
@@ -114,7 +121,7 @@ def _solve(
     return solved
 
 
-@inlined
+@lean
 def _find_singular(limbs: Limbs, around: Surroundings, wish: Wish, desk: Desk, motion: Motion) -> None:
     """Gradients of the conditioning of tools that are near a singularity, into desk.vectors."""
     there = False
@@ -132,7 +139,7 @@ def _find_singular(limbs: Limbs, around: Surroundings, wish: Wish, desk: Desk, m
             desk.vectors[4 + t, k] = desk.slope[k]
 
 
-@inlined
+@lean
 def _find_near_stop(limbs: Limbs, around: Surroundings, desk: Desk, motion: Motion) -> None:
     """What is near the end of the stop from now."""
     whole = 0.0

@@ -1,4 +1,4 @@
-"""Robots as the live kernels know them: a tree of joints, its tools and spheres; where all that is, and its rates."""
+"""Robots as the live kernels know them: a tree of joints, tools and spheres; where that is, and its rates."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.jit import inlined, inner
+from workcell.jit import lean
 from workcell.kernels.chain import Point, Tree, add_rates, carried, forward_tree
 from workcell.kernels.coupling import Couple, follow, gather
 from workcell.pose import Array
@@ -70,7 +70,7 @@ class Place(NamedTuple):
     row: Array
 
 
-@inner
+@lean
 def put(limbs: Limbs, q: Array, place: Place) -> None:
     """Links, tools and spheres at variables q (n,)."""
     follow(limbs.couple, q, place.values, place.slopes)
@@ -95,7 +95,7 @@ def put(limbs: Limbs, q: Array, place: Place) -> None:
         place.balls[link, 0], place.balls[link, 1], place.balls[link, 2] = x, y, z
 
 
-@inner
+@lean
 def tool_jacobian(limbs: Limbs, place: Place, tool: int, J: Array) -> None:
     """Geometric Jacobian (6, n) of a tool by the variables: linear, then angular, in the world."""
     for r in range(6):
@@ -121,7 +121,7 @@ def tool_jacobian(limbs: Limbs, place: Place, tool: int, J: Array) -> None:
         link = limbs.tree.parents[link]
 
 
-@inlined
+@lean
 def point_gradient(
     limbs: Limbs,
     place: Place,
@@ -143,7 +143,7 @@ def point_gradient(
         out[limbs.couple.variable[k]] += place.slopes[k] * place.row[k]
 
 
-@inner
+@lean
 def turn_error(goal: Array, tool: Array, w: Array) -> float:
     """Rotation vector w (3,) from a goal's frame (12,) to a tool's, along the goal's axes; its length.
 

@@ -1,10 +1,10 @@
-"""Marching along a step and the stop after it: shown to be clear by distances and by bounds on how far links move."""
+"""Marching along a step and the stop after it: shown to be clear by distances and bounds on how links move."""
 
 from __future__ import annotations
 
 import math
 
-from workcell.jit import inlined, inner
+from workcell.jit import inlined, lean
 from workcell.kernels.coupling import spread
 from workcell.motion.live.kernels.braking import farthest, stop_time, stopping
 from workcell.motion.live.kernels.desk import Desk, Surroundings
@@ -17,7 +17,7 @@ _MOST_LOOKS = 14
 """Configurations at which distances are measured, at most."""
 
 
-@inner
+@lean
 def drifts(limbs: Limbs, state: Array, t: float, length: float, motion: Motion) -> None:
     """Bounds on how far each joint moves between t and t + length seconds of the stop from a state, into drift (m,)."""
     for k in range(state.shape[1]):
@@ -43,7 +43,7 @@ def _drift_of(levers: Array, drift: Array, a: int, b: int) -> float:
     return moved
 
 
-@inner
+@lean
 def _fastest(movers: Movers) -> float:
     """A bound on the speed of any point of any mover, metres a second."""
     fastest, rows = 0.0, movers.rows
@@ -55,7 +55,7 @@ def _fastest(movers: Movers) -> float:
     return fastest
 
 
-@inner
+@lean
 def _farthest_drift(limbs: Limbs, motion: Motion) -> float:
     """The largest motion of any link, in the world or relative to another, while joints drift."""
     most, links, levers, drift = 0.0, limbs.rows.shape[0], limbs.levers, motion.drift
@@ -65,7 +65,7 @@ def _farthest_drift(limbs: Limbs, motion: Motion) -> float:
     return most
 
 
-@inner
+@lean
 def _outrun(limbs: Limbs, around: Surroundings, motion: Motion, gaps: Array, length: float) -> float:
     """The least gap (as `link_gaps` has them) less how far links drift in `length` seconds, and movers with them."""
     links, least, fastest = limbs.rows.shape[0], 1e9, _fastest(around.movers)
@@ -79,7 +79,7 @@ def _outrun(limbs: Limbs, around: Surroundings, motion: Motion, gaps: Array, len
     return least
 
 
-@inner
+@lean
 def measure_at(
     limbs: Limbs, around: Surroundings, motion: Motion, desk: Desk, t: float, ceiling: float
 ) -> float:
@@ -95,7 +95,7 @@ def measure_at(
     return float(smallest - around.keep[0])
 
 
-@inlined
+@lean
 def _measure(
     limbs: Limbs, around: Surroundings, motion: Motion, desk: Desk, state: Array, t: float, period: float,
     ceiling: float,
@@ -108,7 +108,7 @@ def _measure(
     return measure_at(limbs, around, motion, desk, period + t, ceiling)
 
 
-@inner
+@lean
 def drift_of_step(limbs: Limbs, motion: Motion, state: Array, period: float) -> None:
     """Bounds on how far each joint moves in the step from now to a state, into drift (m,)."""
     for k in range(state.shape[1]):
@@ -121,7 +121,15 @@ def drift_of_step(limbs: Limbs, motion: Motion, state: Array, period: float) -> 
         motion.drift[j] = steep * motion.then[k]
 
 
-@inner
+@lean
+def _copy(one: Array, other: Array) -> None:
+    """Write one array into another; a slice's assignment might make a third."""
+    for a in range(one.shape[0]):
+        for b in range(one.shape[1]):
+            other[a, b] = one[a, b]
+
+
+@lean
 def _step_is_clear(
     limbs: Limbs, around: Surroundings, motion: Motion, desk: Desk, state: Array, period: float, ceiling: float
 ) -> bool:  # fmt: skip
@@ -129,7 +137,7 @@ def _step_is_clear(
     drift_of_step(limbs, motion, state, period)
     if _outrun(limbs, around, motion, desk.gaps, period) > 0.0:
         return True
-    desk.gaps_then[:] = desk.gaps
+    _copy(desk.gaps, desk.gaps_then)
     for k in range(state.shape[1]):
         motion.then[k] = motion.now[0, k]
     measure_at(limbs, around, motion, desk, 0.0, ceiling)
@@ -138,12 +146,12 @@ def _step_is_clear(
             desk.gaps[a, b] += desk.gaps_then[a, b]
     drift_of_step(limbs, motion, state, period)
     clear = _outrun(limbs, around, motion, desk.gaps, period) > 0.0
-    desk.gaps[:] = desk.gaps_then
+    _copy(desk.gaps_then, desk.gaps)
     motion.report[3] += 1.0
     return clear
 
 
-@inner
+@lean
 def is_clear(
     limbs: Limbs, around: Surroundings, motion: Motion, desk: Desk, state: Array, period: float
 ) -> bool:

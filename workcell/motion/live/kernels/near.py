@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.jit import inlined, inner
+from workcell.jit import inlined, lean
 from workcell.kernels.chain import Point
 from workcell.kernels.distance import signed_distance
 from workcell.kernels.shape_kinds import HALFSPACE
@@ -59,7 +59,7 @@ class Near(NamedTuple):
     close: NDArray[np.int64]
 
 
-@inner
+@lean
 def move_obstacles(movers: Movers, t: float) -> None:
     """The movers' rows t seconds from now, into `then`: about their points, turned by the whole angle."""
     for o in range(movers.rows.shape[0]):
@@ -122,7 +122,7 @@ def _beyond_box(boxes: Array, j: int, x: float, y: float, z: float, reach: float
     )
 
 
-@inlined
+@lean
 def _close_shapes(
     limbs: Limbs, shapes: Shapes, place: Place, link: int, reach: float, close: NDArray[np.int64]
 ) -> int:  # fmt: skip
@@ -149,7 +149,7 @@ def _apart(centres: Array, spheres: Array, i: int, at: Array, balls: Array, link
     return bool(reach <= 0.0 or x * x + y * y + z * z >= reach * reach)
 
 
-@inner
+@lean
 def find_near(
     limbs: Limbs, shapes: Shapes, movers: Movers, skipped: NDArray[np.bool_], place: Place, margin: float,
     margin_moving: float, near: Near,
@@ -175,7 +175,7 @@ def find_near(
     return min(smallest, _find_own(limbs, place, margin, near))
 
 
-@inner
+@lean
 def _find_standing(
     limbs: Limbs, shapes: Shapes, skipped: NDArray[np.bool_], place: Place, margin: float, near: Near
 ) -> float:  # fmt: skip
@@ -199,7 +199,7 @@ def _find_standing(
     return smallest
 
 
-@inlined
+@lean
 def _keep(
     limbs: Limbs, place: Place, near: Near, who: tuple[int, int, int], gap: float, rate: float, direction: Point
 ) -> None:  # fmt: skip
@@ -230,7 +230,7 @@ def _closing(moves: Array, o: int, x: float, y: float, z: float, u: float, v: fl
     return closing
 
 
-@inner
+@lean
 def _find_own(limbs: Limbs, place: Place, margin: float, near: Near) -> float:
     """Add the robots' own pairs below the margin; the smallest gap among them."""
     smallest, centres, spheres, runs, pairs = FAR, place.centres, limbs.spheres, limbs.runs, limbs.pairs
@@ -253,13 +253,14 @@ def _find_own(limbs: Limbs, place: Place, margin: float, near: Near) -> float:
     return smallest
 
 
-@inner
+@lean
 def link_gaps(
     limbs: Limbs, shapes: Shapes, movers: Movers, skipped: NDArray[np.bool_], place: Place, ceiling: float,
     gaps: Array, close: NDArray[np.int64],
 ) -> float:  # fmt: skip
-    """Smallest gaps up to `ceiling`, into gaps (m + 2, m + 1): row 0 of links to shapes, row a + 1 of link a to link b,
-    and on its diagonal of link a to movers. Returns the smallest of all.
+    """Smallest gaps up to `ceiling`, into gaps (m + 2, m + 1); the smallest of all.
+
+    Row 0 is of links to shapes, row a + 1 of link a to link b, and on its diagonal of link a to movers.
     """
     links = limbs.rows.shape[0]
     for b in range(links):
@@ -272,7 +273,7 @@ def link_gaps(
     return min(smallest, _own_gaps(limbs, place, ceiling, gaps))
 
 
-@inner
+@lean
 def _gaps_to_standing(
     limbs: Limbs, shapes: Shapes, skipped: NDArray[np.bool_], place: Place, ceiling: float, gaps: Array,
     close: NDArray[np.int64],
@@ -296,7 +297,7 @@ def _gaps_to_standing(
     return smallest
 
 
-@inner
+@lean
 def _gaps_to_moving(limbs: Limbs, movers: Movers, place: Place, ceiling: float, gaps: Array) -> float:
     """The part of `link_gaps` about what moves."""
     smallest, rows, centres, spheres = ceiling, limbs.rows, place.centres, limbs.spheres
@@ -312,7 +313,7 @@ def _gaps_to_moving(limbs: Limbs, movers: Movers, place: Place, ceiling: float, 
     return smallest
 
 
-@inner
+@lean
 def _own_gaps(limbs: Limbs, place: Place, ceiling: float, gaps: Array) -> float:
     """The part of `link_gaps` about the robots' own pairs."""
     smallest, centres, spheres, runs, pairs = ceiling, place.centres, limbs.spheres, limbs.runs, limbs.pairs

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.jit import inlined, inner
+from workcell.jit import inlined, lean
 from workcell.pose import Array
 
 _STEPS = 200
@@ -47,7 +47,7 @@ class Program(NamedTuple):
     inside: NDArray[np.bool_]
 
 
-@inner
+@lean
 def invert(H: Array, program: Program) -> bool:
     """The inverse of a positive definite H (n, n), into program.inverse; False where it is not."""
     n, L, B = H.shape[0], program.factor, program.inverse
@@ -79,18 +79,17 @@ def invert(H: Array, program: Program) -> bool:
 
 
 @inlined
-def add_row(program: Program, bound: float) -> Array:
-    """A new row of zeros with its bound; it is to be filled in by the caller."""
+def add_row(program: Program, bound: float) -> int:
+    """A new row of zeros with its bound, to be filled in by the caller; which it is."""
     at = program.used[0]
     program.used[0] = at + 1
     program.bounds[at] = bound
     for k in range(program.rows.shape[1]):
         program.rows[at, k] = 0.0
-    row: Array = program.rows[at]
-    return row
+    return int(at)
 
 
-@inner
+@lean
 def _directions(program: Program, row: int, k: int) -> tuple[float, float]:
     """Steps z of x and r of the k multipliers as row's own grows; the rate of the row's value, and that if free."""
     B, n, C = program.inverse, program.x.shape[0], program.rows
@@ -124,7 +123,7 @@ def _directions(program: Program, row: int, k: int) -> tuple[float, float]:
     return rate, free
 
 
-@inner
+@lean
 def _factor_gram(program: Program, k: int) -> None:
     n, G, C = program.x.shape[0], program.gram, program.rows
     for i in range(k):
@@ -140,7 +139,7 @@ def _factor_gram(program: Program, k: int) -> None:
                 G[i, j] = total / G[j, j]
 
 
-@inner
+@lean
 def solve(program: Program, tolerance: float) -> bool:
     """Move x to the minimum; False where no x fits all rows to `tolerance`, or after too many steps."""
     n, count, C, x = program.x.shape[0], program.used[0], program.rows, program.x

@@ -6,11 +6,12 @@ and those of tools near a singularity; what of the step makes the sum larger is 
 
 from __future__ import annotations
 
-from workcell.jit import inlined, inner, kernel
+from workcell.jit import kernel, lean
 from workcell.motion.live.kernels.conditioning import conditioning_gradient
 from workcell.motion.live.kernels.desk import Desk, Surroundings, condition, look
 from workcell.motion.live.kernels.frame import Frame
 from workcell.motion.live.kernels.limbs import Limbs
+from workcell.motion.live.kernels.motion import Motion
 from workcell.motion.live.kernels.near import move_obstacles
 from workcell.motion.live.kernels.program import add_row, invert, solve
 from workcell.motion.live.kernels.terms import AWARE, Wish, weigh
@@ -22,20 +23,20 @@ _SETTLED = 1e-4
 """Radians of a step below which a frame is settled: what is left is a thousandth of it, and less."""
 
 
-@inlined
+@lean
 def _add_near_rows(desk: Desk, around: Surroundings, n: int, part: float) -> None:
     """Rows over steps and slack: a step may use up `part` of what is left of a gap, and opens what is too narrow."""
     near, keep = desk.near, around.keep[0] + around.keep[1]
     for c in range(near.used[0]):
         spare = near.gap[c] - keep
         bound = -part * spare if spare > 0.0 else min(-spare, 0.02)
-        row = add_row(desk.program, bound)
+        row = desk.program.rows[add_row(desk.program, bound)]
         for k in range(n):
             row[k] = near.gradient[c, k]
         row[n] = 1.0
 
 
-@inlined
+@lean
 def _add_singular_rows(limbs: Limbs, around: Surroundings, desk: Desk, wish: Wish, n: int) -> None:
     """Rows that keep tools at their conditioning's least, or let it grow where they are below."""
     for t in range(wish.goals.shape[0]):
@@ -46,13 +47,13 @@ def _add_singular_rows(limbs: Limbs, around: Surroundings, desk: Desk, wish: Wis
             continue
         conditioning_gradient(limbs, desk.place, t, desk.total.J, desk.vectors, desk.slope)
         spare = ratio - around.least[t]
-        row = add_row(desk.program, -0.5 * spare if spare > 0.0 else 0.0)
+        row = desk.program.rows[add_row(desk.program, -0.5 * spare if spare > 0.0 else 0.0)]
         for k in range(n):
             row[k] = desk.slope[k]
         row[n] = 0.02
 
 
-@inner
+@lean
 def _step(
     limbs: Limbs, around: Surroundings, wish: Wish, desk: Desk, low: Array, high: Array, q: Array
 ) -> bool:  # fmt: skip
@@ -76,14 +77,14 @@ def _step(
         program.x[k] = step
     program.x[n], program.used[0] = 0.0, 0
     for k in range(n):
-        add_row(program, low[k] - q[k])[k] = 1.0
-        add_row(program, q[k] - high[k])[k] = -1.0
+        program.rows[add_row(program, low[k] - q[k]), k] = 1.0
+        program.rows[add_row(program, q[k] - high[k]), k] = -1.0
     _add_near_rows(desk, around, n, 0.5)
     _add_singular_rows(limbs, around, desk, wish, n)
     return solve(program, 1e-9)
 
 
-@inlined
+@lean
 def _set_box(limbs: Limbs, desk: Desk, wish: Wish, now: Array, q: Array) -> None:
     """Where the solution may go in this frame, and q, where the search for it begins: at the last one, going on."""
     for k in range(q.shape[0]):
@@ -100,7 +101,14 @@ def relax(frame: Frame, period: float, rounds: int, fresh: bool) -> float:
 
     Returns the length of the last step, 0 where it is settled. Movers are looked at where they are after the period.
     """
-    limbs, around, wish, desk, motion = frame.limbs, frame.around, frame.wish, frame.desk, frame.motion
+    return _relax(frame.limbs, frame.around, frame.wish, frame.desk, frame.motion, period, rounds, fresh)
+
+
+@lean
+def _relax(
+    limbs: Limbs, around: Surroundings, wish: Wish, desk: Desk, motion: Motion, period: float, rounds: int, fresh: bool
+) -> float:  # fmt: skip
+    """See `relax`."""
     q, past = motion.wanted[0], wish.past[0]
     if fresh:
         _set_box(limbs, desk, wish, motion.now[0], q)
@@ -122,15 +130,22 @@ def relax(frame: Frame, period: float, rounds: int, fresh: bool) -> float:
 @kernel
 def objective(frame: Frame, q: Array, gradient: Array) -> float:
     """The frame's weighted sum at q (n,), and its gradient (n,)."""
-    look(frame.limbs, frame.around, frame.desk, q, AWARE)
-    desk = frame.desk
-    value = weigh(frame.limbs, frame.wish, desk.place, desk.near, q, desk.total)
+    return _objective(frame.limbs, frame.around, frame.wish, frame.desk, q, gradient)
+
+
+@lean
+def _objective(
+    limbs: Limbs, around: Surroundings, wish: Wish, desk: Desk, q: Array, gradient: Array
+) -> float:  # fmt: skip
+    """See `objective`."""
+    look(limbs, around, desk, q, AWARE)
+    value = weigh(limbs, wish, desk.place, desk.near, q, desk.total)
     for k in range(q.shape[0]):
         gradient[k] = desk.total.gradient[k]
     return value
 
 
-@inner
+@lean
 def _go(
     limbs: Limbs, around: Surroundings, wish: Wish, desk: Desk, q: Array, value: float
 ) -> tuple[float, float]:  # fmt: skip
@@ -156,7 +171,7 @@ def _go(
     return value, 0.0
 
 
-@inlined
+@lean
 def _pushed(desk: Desk, n: int) -> bool:
     """Whether a row that is no bound of a joint shaped the step."""
     pushed = False

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from workcell.jit import inlined, inner
+from workcell.jit import inlined, lean
 from workcell.motion.live.kernels.braking import after
 from workcell.motion.live.kernels.desk import Desk, Surroundings
 from workcell.motion.live.kernels.limbs import Limbs, put
@@ -23,7 +23,7 @@ _FULL = 1.0 - 1e-6
 """Share of a limit that is all of it."""
 
 
-@inner
+@lean
 def set_program(limbs: Limbs, motion: Motion, desk: Desk, period: float) -> bool:
     """The program over shares of jerk: nearest to each joint's aim in the sum's own matrix, within the windows."""
     n, program, H = motion.end.shape[0], desk.program, desk.total.matrix
@@ -48,13 +48,13 @@ def set_program(limbs: Limbs, motion: Motion, desk: Desk, period: float) -> bool
             reached = motion.now[2, k] + share * limbs.rates[2, k] * period
             motion.limited[k] = abs(share) > _FULL or abs(reached) > _FULL * most
         motion.aim[k], program.x[k] = share, share
-        add_row(program, motion.windows[0, k])[k] = 1.0
-        add_row(program, -motion.windows[1, k])[k] = -1.0
+        program.rows[add_row(program, motion.windows[0, k]), k] = 1.0
+        program.rows[add_row(program, -motion.windows[1, k]), k] = -1.0
     program.x[n] = 0.0
     return True
 
 
-@inner
+@lean
 def add_stop_rows(
     limbs: Limbs, around: Surroundings, motion: Motion, desk: Desk, wish: Wish, shares: Array, period: float
 ) -> None:
@@ -76,7 +76,7 @@ def add_stop_rows(
         for k in range(n):
             value += g[k] * (motion.then[k] - motion.end[k] - desk.slope[k] * shares[k])
         floor = keep if near.gap[c] >= keep else min(near.gap[c] + 2e-4, keep)
-        row = add_row(program, floor - value)
+        row = program.rows[add_row(program, floor - value)]
         for k in range(n):
             row[k] = g[k] * desk.slope[k]
         row[n] = 1.0
@@ -87,13 +87,13 @@ def add_stop_rows(
         ends = desk.vectors[4 + t]
         for k in range(n):
             value += ends[k] * (motion.then[k] - motion.now[0, k] - desk.slope[k] * shares[k])
-        row = add_row(program, min(around.least[t], desk.ratio[t]) - value)
+        row = program.rows[add_row(program, min(around.least[t], desk.ratio[t]) - value)]
         for k in range(n):
             row[k] = ends[k] * desk.slope[k]
         row[n] = 0.02
 
 
-@inner
+@lean
 def add_yield_rows(limbs: Limbs, around: Surroundings, motion: Motion, desk: Desk, period: float) -> None:
     """Rows that let what moves close a gap by a share of it a second, and no faster."""
     n, program, near = motion.end.shape[0], desk.program, desk.near
@@ -110,7 +110,7 @@ def add_yield_rows(limbs: Limbs, around: Surroundings, motion: Motion, desk: Des
         for k in range(n):
             w = after(0.0, motion.now[1, k], motion.now[2, k], 0.0, period)[1]
             value += near.gradient[c, k] * (motion.stop[1, k] if motion.held[k] == STOPPING else w)
-        row = add_row(program, -value)
+        row = program.rows[add_row(program, -value)]
         for k in range(n):
             if motion.held[k] != STOPPING:
                 row[k] = near.gradient[c, k] * 0.5 * limbs.rates[2, k] * period * period
@@ -127,7 +127,7 @@ def note(motion: Motion, kind: int, first: int, second: int, third: int, value: 
     motion.used[0] = at + 1
 
 
-@inner
+@lean
 def note_guards(motion: Motion, desk: Desk, rows: int) -> None:
     """Write down which rows of what is near shaped the program's step."""
     for i in range(desk.program.used[1]):

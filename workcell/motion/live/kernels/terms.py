@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from workcell.jit import inlined, inner
+from workcell.jit import inlined, lean
 from workcell.motion.live.kernels.limbs import Limbs, Place, tool_jacobian, turn_error
 from workcell.motion.live.kernels.near import Near
 from workcell.pose import Array
@@ -80,7 +80,7 @@ def _loss(u: float, quadratic: bool) -> tuple[float, float, float]:
     )
 
 
-@inlined
+@lean
 def _add_rows(total: Sum, first: int, weight: float, quadratic: bool) -> tuple[float, float]:
     """Add the term of three residuals and their rates; its length, and what it adds to the value."""
     n = total.gradient.shape[0]
@@ -114,7 +114,7 @@ def _outside(value: float, low: float, high: float) -> float:
     return value - high if value > high else value - low if value < low else 0.0
 
 
-@inner
+@lean
 def _tool_residual(wish: Wish, place: Place, t: int, total: Sum) -> None:
     """How far tool t is outside of its goal's bands, along the goal's axes, and how fast that changes."""
     n = total.gradient.shape[0]
@@ -150,7 +150,7 @@ def _tool_residual(wish: Wish, place: Place, t: int, total: Sum) -> None:
             total.rows[3 + c, k] = 0.0 if free else rates[c]
 
 
-@inlined
+@lean
 def _add_joints(
     total: Sum, wish: Wish, q: Array, kind: int, weight: float, quadratic: bool
 ) -> tuple[float, float]:
@@ -175,7 +175,7 @@ def _add_joints(
     return math.sqrt(u), weight * value
 
 
-@inner
+@lean
 def _add_collision(limbs: Limbs, near: Near, total: Sum, weight: float) -> tuple[float, float]:
     """Add the term that keeps off what is near: (d / (gap + d))^2 with a small d, going on straight below 0.
 
@@ -202,7 +202,7 @@ def _add_collision(limbs: Limbs, near: Near, total: Sum, weight: float) -> tuple
     return value, weight * value
 
 
-@inner
+@lean
 def _is_outdone(spheres: Array, who: NDArray[np.int64], gaps: Array, c: int, count: int) -> bool:
     """Whether another pair of the same link and the same thing is nearer than pair c."""
     link, kind, other = spheres[who[c, 0], 4], who[c, 1], who[c, 2]
@@ -215,7 +215,7 @@ def _is_outdone(spheres: Array, who: NDArray[np.int64], gaps: Array, c: int, cou
     return False
 
 
-@inner
+@lean
 def weigh(limbs: Limbs, wish: Wish, place: Place, near: Near, q: Array, total: Sum) -> float:
     """The weighted sum at q (n,), where the limbs have been put and what is near has been found."""
     n, weights = q.shape[0], wish.weights

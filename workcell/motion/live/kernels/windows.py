@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from workcell.jit import inlined, inner
+from workcell.jit import inlined, lean
 from workcell.motion.live.kernels.braking import State, after, highest_jerk, stop_length, stopping
 from workcell.motion.live.kernels.limbs import Limbs
 from workcell.motion.live.kernels.motion import FREE, STOPPING, Motion
@@ -12,7 +12,7 @@ _CLOSER, _CLOSE = 16, 1e-10
 """Tries to find an aim, and the radians (or metres) by which it may miss."""
 
 
-@inner
+@lean
 def open_windows(limbs: Limbs, motion: Motion, period: float) -> None:
     """What each joint may do in the period, whatever the others do; and its stop."""
     for k in range(motion.end.shape[0]):
@@ -40,7 +40,7 @@ def _beyond_target(off: State, most: float, jerk: float, rate: float, period: fl
     return y + period * (1.5 * w + 0.5 * period * b) + stop_length(w, b, most, jerk)
 
 
-@inner
+@lean
 def aim(limbs: Limbs, motion: Motion, k: int, period: float) -> float:
     """The share of jerk within the window after which the joint's stop comes nearest to its moving target."""
     low, high = motion.windows[0, k], motion.windows[1, k]
@@ -68,7 +68,7 @@ def aim(limbs: Limbs, motion: Motion, k: int, period: float) -> float:
     return float(share)
 
 
-@inner
+@lean
 def state_after(limbs: Limbs, motion: Motion, shares: Array, period: float, out: Array) -> None:
     """States (3, n) after the period, each joint with its share of jerk; who has no window stops."""
     for k in range(motion.end.shape[0]):
@@ -81,7 +81,7 @@ def state_after(limbs: Limbs, motion: Motion, shares: Array, period: float, out:
         )
 
 
-@inner
+@lean
 def end_of(limbs: Limbs, motion: Motion, k: int, share: float, period: float) -> float:
     """Where a joint comes to rest after a period of some jerk."""
     if motion.held[k] == STOPPING:

@@ -1,4 +1,4 @@
-"""The bench of live guards: brakes and movers within their bounds, violations found, cells that repeat themselves."""
+"""The bench of live guards: movers within their bounds, violations found, cells that repeat themselves."""
 
 import numpy as np
 import pytest

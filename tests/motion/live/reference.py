@@ -1,4 +1,4 @@
-"""The objective of RelaxedIK (Eqs. 1 to 7) in plain numpy, written from the paper: an oracle for the compiled one."""
+"""The objective of RelaxedIK (Eqs. 1 to 7) in plain numpy, from the paper: an oracle for the compiled one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Distances of the compiled model at configurations of all arms of a scene, with other things where they are told."""
+"""The compiled model's distances at configurations of all arms of a scene, with other things where told."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Other packages that follow poses frame by frame, where they are installed: mink, and RangedIK (`relaxed_ik_core`).
+"""Other packages that follow poses frame by frame, where installed: mink, RangedIK (`relaxed_ik_core`).
 
 Neither is needed, nor an extra of workcell: `pip install mink relaxed_ik_core`.
 """
@@ -35,7 +35,7 @@ def installed(package: str) -> bool:
 
 
 class Mink:
-    """A frame task for each tool, with mink's limits of velocities, configurations and collisions; a program a frame.
+    """A frame task for each tool, with mink's limits of velocities, configurations and collisions.
 
     Its program may have no solution; then there is none for that frame.
 

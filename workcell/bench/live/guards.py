@@ -91,6 +91,7 @@ class Tally:
             "goal_error_m_median": float(np.median(self.errors)),
             "frame_ms_mean": 1e3 * float(seconds.mean()),
             "frame_ms_p99.9": 1e3 * float(np.quantile(seconds, 0.999)),
+            "frame_ms_max": 1e3 * float(seconds.max()),
             "touched": ", ".join(f"{pair} ({count})" for pair, count in often[:_NAMED]),
         }
 

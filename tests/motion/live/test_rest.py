@@ -76,3 +76,10 @@ def test_goals_that_jump_take_every_limit_and_exceed_none(begun):
         shares = np.abs(rates) / most
         assert shares.max() <= 1 + 1e-6
         assert shares.max() > 0.9
+
+
+def test_a_margin_that_spheres_do_not_have_as_the_arm_begins_is_no_contact(scene):
+    """The covers of two links are 3 mm apart at home, the links themselves 2 cm: the model itself is asked for them."""
+    live, pose = LiveIK(PlanningWorld.of(scene), margin=0.006), scene.robot().robot.fk(scene.robot().start)
+    _, said = frames(live, [aside(pose, 0.0, 0.1, -0.05)] * 60)
+    assert said.status is not LiveStatus.IN_CONTACT and said.position_error[0] < 0.05

@@ -139,7 +139,7 @@ class LiveIK:
 
     def _pack(self, obstacles: Obstacles, start: Array) -> None:
         _, _, commit, frame = _kernels()
-        pairs = self._arms.pairs(start)
+        pairs = self._arms.pairs(start, self.margin)
         self._limbs, row_of = pack_limbs(self.robot, self._arms.tools, self._arms.cover, pairs, self.limits)
         self._movers = MovingObstacles(self._arms.worlds[0].scene, obstacles)
         shapes = pack_shapes(obstacles.standing)
@@ -156,8 +156,9 @@ class LiveIK:
         self._frame = frame.make_frame(self._limbs, around, self._wish, mine, self._desk, self._motion)
         gaps = np.zeros(skipped.shape)
         commit.gaps_at(self._frame, start, gaps)
-        # what the spheres overlap as the robot begins is the cover's overshoot, or in contact: the model itself tells
-        skipped[:] = gaps <= 0.0
+        # what the spheres overlap as the robot begins, or have within the margin, is the cover's overshoot, or in
+        # contact: the model itself tells
+        skipped[:] = gaps <= self.margin
         order = np.array(shapes.order)
         covered = np.ones((len(row_of), len(obstacles.standing)), dtype=np.bool_)
         covered[:, order] = ~skipped[row_of]

@@ -83,11 +83,11 @@ class Arms:
         """The robots' names."""
         return tuple(world.robot.name for world in self.worlds)
 
-    def pairs(self, start: Array) -> Index:
+    def pairs(self, start: Array, margin: float) -> Index:
         """(p, 2) spheres that must keep clear of each other: each robot's own, and those of two robots.
 
         Pairs of one robot that touch at `start` (n,), where it is known to be free, are left out, and so are those that
-        always touch: they are the covers' overshoot.
+        always touch: they are the covers' overshoot. Pairs that are apart there, but not by the margin, would never be.
         """
         found, first = [np.zeros((0, 2), dtype=np.int64)], 0
         for world, part in zip(self.worlds, self.slices, strict=True):
@@ -100,7 +100,12 @@ class Arms:
                 one, other = np.flatnonzero(self.owner == b), np.flatnonzero(self.owner == a)
                 grid = np.stack(np.meshgrid(one, other, indexing="ij"), axis=-1).reshape(-1, 2)
                 found.append(grid[np.any(self.cover.link[grid] > 0, axis=1)])
-        return np.concatenate(found)
+        listed = np.concatenate(found)
+        centre, radius = self.cover.centres_world(self.robot.link_transforms(start)), self.cover.radius
+        apart = np.linalg.norm(centre[listed[:, 0]] - centre[listed[:, 1]], axis=1)
+        gap = apart - radius[listed].sum(axis=1)
+        kept: Index = listed[(gap > margin) | (gap <= 0.0)]
+        return kept
 
 
 def _moved(world: PlanningWorld, first: int) -> SphereCover:

@@ -1,14 +1,18 @@
 """RelaxedIK's tables: what their rows hold, for one arm at one task, and what keeps an arm from a path."""
 
+from dataclasses import replace
+
 import pytest
 
 from workcell.bench.live import relaxed
 from workcell.bench.live.arms import SETUPS
-from workcell.bench.live.cases import case_of, table
+from workcell.bench.live.cases import case_of, run_case, table
 from workcell.bench.live.paper import GROOVE_A, TRAC_IK
 from workcell.bench.live.relaxed import live, point_ik
 from workcell.bench.live.starts import Way
+from workcell.bench.live.traces import Trace
 from workcell.bench.tables import list_benches
+from workcell.motion.live.optimisers import installed
 from workcell.motion.live.weights import WEIGHTS_B
 
 BY_NAME = {setup.robot: setup for setup in SETUPS}
@@ -65,6 +69,16 @@ def test_each_method_of_tables_2_to_4_has_the_published_row_of_its_own(monkeypat
     relaxed.table4(1, 0, None)
     assert settings("quadratic/B") == {"loss": "quadratic", "weights": WEIGHTS_B}
     assert asked["papers"]["quadratic/A"].discontinuities == 79
+
+
+@pytest.mark.skipif(not installed(), reason="needs workcell[live]")
+@pytest.mark.parametrize("name", ["slsqp", "bobyqa"])
+def test_the_paper_s_optimisers_follow_too_within_all_limits(name):
+    case = case_of(BY_NAME["hubo_arm"], "spoon feeding")
+    begin = Trace(case.trace.task, case.trace.positions[:, :80], case.trace.quats[:, :80])
+    (run,) = run_case(replace(case, trace=begin), live(solver=name), 1, 0)
+    assert run.unanswered == 0 and not (run.discontinuity | run.collision | run.singular).any()
+    assert run.position[-1] < run.position[0]
 
 
 def test_the_benches_are_named():

@@ -136,6 +136,11 @@ class CollisionModel:
         return tuple((geom_name(self._model, a), geom_name(self._model, b)) for a, b in self._pairs)
 
     @property
+    def pair_links(self) -> NDArray[np.int64]:
+        """(p, 2) links that carry each pair of geoms, the lower first; 0 for what stands in the world."""
+        return self._pair_links
+
+    @property
     def pair_geoms(self) -> NDArray[np.int64]:
         """Ids of the geom pairs (p, 2) that are looked at."""
         return read_only(self._pairs, np.int64)

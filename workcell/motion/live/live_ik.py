@@ -15,13 +15,14 @@ from workcell.errors import InputError, UnknownNameError
 from workcell.geometry.packing import pack_shapes
 from workcell.motion.live.limits import LiveLimits
 from workcell.motion.live.movers import MovingObstacles
+from workcell.motion.live.never import never_touch
 from workcell.motion.live.objective import Objective
 from workcell.motion.live.optimisers import OPTIMISERS, Gradient, Minimiser
 from workcell.motion.live.packing import make_desk, make_motion, pack_limbs
 from workcell.motion.live.reading import NO_GOAL, GoalClock, GoalReader, Goals
 from workcell.motion.live.report import Reporter
 from workcell.motion.live.step import Step
-from workcell.motion.live.surroundings import Arms, Obstacles
+from workcell.motion.live.surroundings import Arms, Index, Obstacles
 from workcell.motion.live.truth import Truth
 from workcell.motion.live.weights import LOSSES, WEIGHTS_A, Weights
 from workcell.pose import Array, Pose, read_only
@@ -33,9 +34,11 @@ _SAMPLES = 4000
 """Random configurations that tell what conditioning is rare for an arm."""
 _ROUNDS = 4
 """Rounds of the weighted sum in a frame."""
+_NEAR = 0.02
+"""Metres below which links that are often so near are asked whether they can touch at all."""
 _SHY = 2e-3
 """Metres of clearance to itself at which the collision term of an arm is a quarter, where it is often farther apart."""
-_ROW_ROOM = 1e-3
+_ROW_ROOM = 3e-3
 """Metres that programs keep beyond the margin: what linear rows overlook is less, near by."""
 
 
@@ -82,6 +85,11 @@ class LiveIK:
         InputError: what makes no sense, by name; UnknownNameError: a mover that is not there.
     """
 
+    least_conditioning: Array
+    _frame: Any
+    _desk: Any
+    _wish: Any
+
     def __init__(
         self,
         worlds: PlanningWorld | Sequence[PlanningWorld],
@@ -123,11 +131,23 @@ class LiveIK:
                 f"limits of {len(self.limits.velocity)} joints for {self.robot.dof}", where="limits"
             )
         start = self._start() if q_start is None else self.robot.configuration(q_start, where="q_start")
+        self.robot.check_limits(start, where="q_start")
         self._clock = GoalClock(period, stale_s)
-        self._pack(Obstacles.of(self._arms, moving), start)
+        obstacles, pairs = Obstacles.of(self._arms, moving), self._arms.pairs(start, margin)
+        never: set[tuple[int, int]] = set()
+        self._pack(obstacles, pairs, never, start)
+        gaps = self._sample(singular_share)
+        # links that are always near would hold the arm, where spheres are all that is known of them
+        always = [(int(a), int(b)) for a, b in np.argwhere(gaps < _NEAR) if a < b]
+        if never := never_touch(self._arms, always):
+            links = np.sort(self._arms.cover.link[pairs], axis=1)
+            kept = np.array([(int(a), int(b)) not in never for a, b in links], dtype=bool)
+            self._pack(obstacles, pairs[kept], never, start)
+            gaps = self._sample(singular_share)
+        self._limbs.shy[:] = np.clip(0.1 * gaps, 1e-4, _SHY)
+        self.least_conditioning = read_only(self.least_conditioning)
         self._weigh(weights)
         self._wish.weights[7] = float(loss == "quadratic")
-        self._sample(singular_share)
         if solver != "compiled":
             self._minimise = Minimiser(solver, self.robot.dof, gradient=gradient)
             self._objective = Objective(self._frame, self._desk.box)
@@ -137,9 +157,8 @@ class LiveIK:
     def _start(self) -> Array:
         return np.concatenate([world.robot.start for world in self._arms.worlds])
 
-    def _pack(self, obstacles: Obstacles, start: Array) -> None:
+    def _pack(self, obstacles: Obstacles, pairs: Index, never: set[tuple[int, int]], start: Array) -> None:
         _, _, commit, frame = _kernels()
-        pairs = self._arms.pairs(start, self.margin)
         self._limbs, row_of = pack_limbs(self.robot, self._arms.tools, self._arms.cover, pairs, self.limits)
         self._movers = MovingObstacles(self._arms.worlds[0].scene, obstacles)
         shapes = pack_shapes(obstacles.standing)
@@ -162,20 +181,20 @@ class LiveIK:
         order = np.array(shapes.order)
         covered = np.ones((len(row_of), len(obstacles.standing)), dtype=np.bool_)
         covered[:, order] = ~skipped[row_of]
-        self._truth = Truth(self._arms, obstacles, pairs, covered)
+        self._truth = Truth(self._arms, obstacles, pairs, covered, never)
         self._report = Reporter(self._arms, obstacles, shapes.order, row_of)
         self._goals = GoalReader(self.names, self._frame, self._wish.goals, commit.set_goal)
 
-    def _sample(self, share: float) -> None:
-        """What is usual: rare conditioning of a tool counts as singular, links that are always near as clear."""
+    def _sample(self, share: float) -> Array:
+        """What is rare: below it a tool's conditioning counts as singular; and gaps of links that few are below."""
         ratios = np.empty((_SAMPLES, len(self.names)))
         gaps = np.empty((_SAMPLES, *self._limbs.shy.shape))
         draws = self.robot.random_configuration(np.random.default_rng(0), _SAMPLES)
         _kernels()[2].sample(self._frame, draws, ratios, gaps)
-        self._limbs.shy[:] = np.clip(0.1 * np.quantile(gaps, 0.05, axis=0), 1e-4, _SHY)
         if share > 0:
             self.least_conditioning[:] = np.quantile(ratios, share, axis=0)
-        self.least_conditioning = read_only(self.least_conditioning)
+        rare: Array = np.quantile(gaps, 0.05, axis=0)
+        return rare
 
     def _weigh(self, weights: Weights) -> None:
         self._weights = weights
@@ -211,9 +230,8 @@ class LiveIK:
             InputError: joint values of the wrong shape, not finite, or outside of the limits.
         """
         here = self.robot.configuration(q, where="q")
-        if not np.all((here >= self.robot.lower) & (here <= self.robot.upper)):
-            self.robot.check_limits(here)
-            here = np.clip(here, self.robot.lower, self.robot.upper)
+        self.robot.check_limits(here)
+        here = np.clip(here, self.robot.lower, self.robot.upper)
         commit = _kernels()[2].commit
         motion = self._motion
         motion.now[:] = 0.0

@@ -194,7 +194,7 @@ def make_motion(limbs: Limbs) -> Motion:
     from workcell.motion.live.kernels.motion import MOST_GUARDS, Motion
 
     n, m, tools = limbs.bounds.shape[1], len(limbs.couple.variable), len(limbs.tools)
-    guards = MOST_GUARDS + 3 * n + tools
+    guards = MOST_GUARDS + 1 + 3 * n + tools
     return Motion(
         np.zeros((3, n)), np.zeros((3, n)), np.zeros((2, n)), np.zeros((3, n)), np.zeros(n), np.zeros((2, n)),
         np.zeros(n, dtype=np.int64), np.zeros(n), np.zeros(n, dtype=np.int64), np.zeros((3, n)), np.zeros(n),

@@ -20,6 +20,8 @@ _KINDS = (GuardKind.POSITION, GuardKind.VELOCITY, GuardKind.ACCELERATION, GuardK
 SINGULARITY, NEAR = 3, 4
 _RATES = (GuardKind.VELOCITY, GuardKind.ACCELERATION)
 """Guards that slow an arm down but don't hold it."""
+_PAIRS = (GuardKind.SELF, GuardKind.OBSTACLE)
+"""Guards between two things."""
 
 
 class Reporter:
@@ -60,7 +62,8 @@ class Reporter:
         guards = self._guards(motion, refused)
         gap = float(told[-1])
         if not shown and gap <= 0.0:
-            status, reason = LiveStatus.IN_CONTACT, reason or "; ".join(str(g) for g in guards)
+            touching = [str(guard) for guard in guards if guard.kind in _PAIRS]
+            status, reason = LiveStatus.IN_CONTACT, reason or "; ".join(touching)
         elif reason:
             status = LiveStatus.NO_GOAL
         elif on_goal:

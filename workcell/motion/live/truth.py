@@ -42,10 +42,18 @@ class Truth:
         obstacles: what they may hit.
         pairs: (p, 2) spheres that the guard keeps apart.
         covered: (s, k) spheres and standing obstacles that it keeps apart.
+        never: links, the lower first, that can't touch.
     """
 
-    def __init__(self, arms: Arms, obstacles: Obstacles, pairs: Index, covered: NDArray[np.bool_]) -> None:
-        self._arms = arms
+    def __init__(
+        self,
+        arms: Arms,
+        obstacles: Obstacles,
+        pairs: Index,
+        covered: NDArray[np.bool_],
+        never: set[tuple[int, int]],
+    ) -> None:
+        self._arms, self._never = arms, never
         kept = np.zeros((len(arms.cover), len(arms.cover)), dtype=np.bool_)
         kept[pairs[:, 0], pairs[:, 1]] = kept[pairs[:, 1], pairs[:, 0]] = True
         self._asked = [
@@ -72,6 +80,9 @@ class Truth:
         for row, (a, b) in enumerate(world.collision.pair_geoms.tolist()):
             one, other = sorted((int(parts[a]), int(parts[b])), reverse=True)
             if other >= 0:
+                first, second = sorted((self._link(one), self._link(other)))
+                if (first, second) in self._never:
+                    continue
                 if (one, other) not in shown:
                     shown[one, other] = bool(kept[np.ix_(members[one], members[other])].all())
                 if not shown[one, other]:
@@ -110,6 +121,11 @@ class Truth:
                 held = [k for k in np.flatnonzero(mine) if source and source[k] in names]
                 of_sphere[held] = links + 2 * arm + 1
         return of_body[model.geom_bodyid], of_sphere
+
+    def _link(self, part: int) -> int:
+        """The link that a part is: bases are link 0; -1 for what a hand holds."""
+        links = self._arms.robot.joint_count + 1
+        return part if part < links else 0 if (part - links) % 2 == 0 else -1
 
     def _links(self, geoms: Index) -> Index:
         """(p, 2) links of all robots' tree that carry pairs of geoms, the lower first; 0 for what stands."""

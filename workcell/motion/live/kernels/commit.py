@@ -9,8 +9,8 @@ from workcell.motion.live.kernels.desk import Desk, Surroundings, condition
 from workcell.motion.live.kernels.frame import Frame
 from workcell.motion.live.kernels.limbs import Limbs, Place, put
 from workcell.motion.live.kernels.march import drift_of_step, drifts
-from workcell.motion.live.kernels.motion import ACCELERATION, POSITION, SINGULARITY, VELOCITY, Motion
-from workcell.motion.live.kernels.near import link_gaps
+from workcell.motion.live.kernels.motion import ACCELERATION, NEAR, POSITION, SINGULARITY, VELOCITY, Motion
+from workcell.motion.live.kernels.near import find_near, link_gaps, move_obstacles
 from workcell.motion.live.kernels.rows import note
 from workcell.motion.live.kernels.terms import AWARE, Wish, weigh
 from workcell.pose import Array
@@ -21,6 +21,8 @@ _AT_LIMIT = 1e-3
 """Radians or metres from a limit at which a joint stands at it."""
 _FULL = 0.999
 """Share of a limit that is all of it."""
+_HELD = 5e-3
+"""Metres beyond what rows keep, within which what is nearest holds an arm that rests off its goal."""
 _REST = 1e-3
 """Share of its fastest at which a joint rests."""
 
@@ -92,6 +94,9 @@ def _commit(
         if desk.ratio[t] < 1.2 * around.least[t]:
             note(motion, SINGULARITY, t, 0, 0, desk.ratio[t])
     _tell(limbs, wish, desk, motion, refused)
+    held = motion.flags[2] == 0 and motion.flags[3] != 0
+    if motion.flags[1] == 0 or held:
+        _note_nearest(limbs, around, desk, motion, around.keep[0] + around.keep[1] + _HELD)
 
 
 @lean
@@ -99,6 +104,20 @@ def _remember(wish: Wish, q: Array) -> None:
     """The newest of three configurations (n,)."""
     for k in range(q.shape[0]):
         wish.past[2, k], wish.past[1, k], wish.past[0, k] = wish.past[1, k], wish.past[0, k], q[k]
+
+
+@lean
+def _note_nearest(limbs: Limbs, around: Surroundings, desk: Desk, motion: Motion, margin: float) -> None:
+    """Write down what the limbs, as they have been put, are nearest to, if it is nearer than the margin."""
+    near, nearest = desk.near, -1
+    move_obstacles(around.movers, 0.0)
+    find_near(limbs, around.shapes, around.movers, around.skipped, desk.place, margin, margin, near)
+    for c in range(near.used[0]):
+        if nearest < 0 or near.gap[c] < near.gap[nearest]:
+            nearest = c
+    if nearest >= 0:
+        who = near.who[nearest]
+        note(motion, NEAR, who[0], who[1], who[2], near.gap[nearest])
 
 
 @lean

@@ -47,34 +47,39 @@ def _guard(
     if math.isnan(motion.wanted[0, 0]):
         for k in range(n):
             motion.wanted[0, k], motion.wanted[1, k] = motion.end[k], 0.0
+        motion.used[0] = 0
     for c in range(5):
         motion.report[c] = 0.0
-    motion.used[0] = 0
     solved = _solve(limbs, around, wish, desk, motion, period)
     state_after(limbs, motion, desk.trial, period, motion.best)
     share = 1.0 if solved else 0.0
     best, best_share = -1e9, 0.0
+    worst, worst_share = -1e9, 0.0
     for turn in range(4):
         if turn == 3:
             share = 0.0
         _blend(motion, share)
         motion.report[3] = 0.0
-        if is_clear(limbs, around, motion, desk, motion.next, period):
+        still, moving = is_clear(limbs, around, motion, desk, motion.next, period)
+        if moving:
             motion.report[0], motion.report[1] = share, 1.0
             return
-        if motion.report[2] > best:
+        if still and motion.report[2] > best:
             best, best_share = motion.report[2], share
+        if motion.report[2] > worst:
+            worst, worst_share = motion.report[2], share
         if share == 0.0:
             break
         share *= 0.4
-    # Nothing is shown to be clear: what was shown before stands, unless something that moves, or a contact that is
-    # there already, makes it the worse choice.
-    for k in range(n):
-        motion.then[k] = motion.now[0, k]
-    touching = not measure_at(limbs, around, motion, desk, 0.0, 0.02) > 0.0
-    share = best_share if around.movers.rows.shape[0] > 0 or touching else 0.0
-    _blend(motion, share)
-    motion.report[0], motion.report[1], motion.report[2] = share, 0.0, best
+    # Nothing is shown to be clear of what moves: the step that leaves most room, of those that are clear of all else.
+    # Not even of that: what was shown before stands, unless a contact that is there already makes it the worse choice.
+    if best == -1e9:
+        for k in range(n):
+            motion.then[k] = motion.now[0, k]
+        touching = not measure_at(limbs, around, motion, desk, 0.0, 0.02) > 0.0
+        best, best_share = worst, worst_share if touching else 0.0
+    _blend(motion, best_share)
+    motion.report[0], motion.report[1], motion.report[2] = best_share, 0.0, best
 
 
 @lean

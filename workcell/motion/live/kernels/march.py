@@ -13,7 +13,7 @@ from workcell.motion.live.kernels.motion import Motion
 from workcell.motion.live.kernels.near import APART, Movers, link_gaps, move_obstacles
 from workcell.pose import Array
 
-_MOST_LOOKS = 14
+_MOST_LOOKS = 32
 """Configurations at which distances are measured, at most."""
 
 
@@ -66,17 +66,21 @@ def _farthest_drift(limbs: Limbs, motion: Motion) -> float:
 
 
 @lean
-def _outrun(limbs: Limbs, around: Surroundings, motion: Motion, gaps: Array, length: float) -> float:
-    """The least gap (as `link_gaps` has them) less how far links drift in `length` seconds, and movers with them."""
-    links, least, fastest = limbs.rows.shape[0], 1e9, _fastest(around.movers)
+def _outrun(limbs: Limbs, motion: Motion, gaps: Array, moved: float) -> tuple[float, float]:
+    """The least gaps (as `link_gaps` has them) less how far links drift: to what stands and to itself, to what moves.
+
+    What moves does so by `moved` metres at most.
+    """
+    links, still, moving = limbs.rows.shape[0], 1e9, 1e9
     levers, drift = limbs.levers, motion.drift
     for b in range(1, links):
-        moved = _drift_of(levers, drift, 0, b)
-        least = min(least, gaps[0, b] - moved, gaps[b + 1, b] - moved - fastest * length)
+        own = _drift_of(levers, drift, 0, b)
+        still = min(still, gaps[0, b] - own)
+        moving = min(moving, gaps[b + 1, b] - own - moved)
         for a in range(b):
             if gaps[a + 1, b] < APART:
-                least = min(least, gaps[a + 1, b] - _drift_of(levers, drift, a, b))
-    return least
+                still = min(still, gaps[a + 1, b] - _drift_of(levers, drift, a, b))
+    return still, moving
 
 
 @lean
@@ -100,12 +104,15 @@ def _measure(
     limbs: Limbs, around: Surroundings, motion: Motion, desk: Desk, state: Array, t: float, period: float,
     ceiling: float,
 ) -> float:  # fmt: skip
-    """Gaps t seconds into the stop from a state, up to a ceiling, less what is to be kept; the smallest."""
+    """Gaps t seconds into the stop from a state, up to a ceiling, less what is to be kept; the smallest.
+
+    What moves is where it is after the period: that the arm gives way to it is the program's part (see `rows`).
+    """
     for k in range(state.shape[1]):
         motion.then[k] = (
             state[0, k] + stopping(state[1, k], state[2, k], limbs.rates[1, k], limbs.rates[2, k], t)[0]
         )
-    return measure_at(limbs, around, motion, desk, period + t, ceiling)
+    return measure_at(limbs, around, motion, desk, period, ceiling)
 
 
 @lean
@@ -132,11 +139,16 @@ def _copy(one: Array, other: Array) -> None:
 @lean
 def _step_is_clear(
     limbs: Limbs, around: Surroundings, motion: Motion, desk: Desk, state: Array, period: float, ceiling: float
-) -> bool:  # fmt: skip
-    """Whether the step to a state, whose gaps have been measured, is clear: from there alone, or from both its ends."""
+) -> tuple[bool, bool]:  # fmt: skip
+    """Whether the step to a state, whose gaps have been measured, is clear of what stands, and of what moves.
+
+    From there alone, or from both its ends.
+    """
     drift_of_step(limbs, motion, state, period)
-    if _outrun(limbs, around, motion, desk.gaps, period) > 0.0:
-        return True
+    moved = _fastest(around.movers) * period
+    still, moving = _outrun(limbs, motion, desk.gaps, moved)
+    if still > 0.0 and moving > 0.0:
+        return True, True
     _copy(desk.gaps, desk.gaps_then)
     for k in range(state.shape[1]):
         motion.then[k] = motion.now[0, k]
@@ -145,51 +157,48 @@ def _step_is_clear(
         for b in range(desk.gaps.shape[1]):
             desk.gaps[a, b] += desk.gaps_then[a, b]
     drift_of_step(limbs, motion, state, period)
-    clear = _outrun(limbs, around, motion, desk.gaps, period) > 0.0
+    still, moving = _outrun(limbs, motion, desk.gaps, moved)
     _copy(desk.gaps_then, desk.gaps)
     motion.report[3] += 1.0
-    return clear
+    return still > 0.0, moving > 0.0
 
 
 @lean
 def is_clear(
     limbs: Limbs, around: Surroundings, motion: Motion, desk: Desk, state: Array, period: float
-) -> bool:
-    """Whether the step to a state and the stop from there are shown to be clear; report[2]: the smallest gap seen."""
+) -> tuple[bool, bool]:
+    """Whether the step to a state and the stop from there are shown to be clear of what stands, and of what moves.
+
+    report[2] is the smallest gap seen, report[3] counts looks.
+    """
     n, whole = state.shape[1], 0.0
     for k in range(n):
         whole = max(whole, stop_time(state[1, k], state[2, k], limbs.rates[1, k], limbs.rates[2, k]))
     motion.report[5] = whole
     drift_of_step(limbs, motion, state, period)
-    ceiling = (
-        0.01 + _farthest_drift(limbs, motion) + _fastest(around.movers) * (period + whole) + around.keep[0]
-    )
+    ceiling = 0.01 + _farthest_drift(limbs, motion) + _fastest(around.movers) * period + around.keep[0]
     drifts(limbs, state, 0.0, whole, motion)
     ceiling += _farthest_drift(limbs, motion)
-    smallest = _measure(limbs, around, motion, desk, state, 0.0, period, ceiling)
+    motion.report[2] = _measure(limbs, around, motion, desk, state, 0.0, period, ceiling)
     motion.report[3] += 1.0
-    motion.report[2] = smallest
-    if not (smallest > 0.0 and _step_is_clear(limbs, around, motion, desk, state, period, ceiling)):
-        return False
+    still, moving = _step_is_clear(limbs, around, motion, desk, state, period, ceiling)
     t = 0.0
-    while t < whole:
-        length, shown = whole - t, False
+    while still and t < whole:
+        length, shown, given = whole - t, False, False
         for _ in range(8):
             drifts(limbs, state, t, length, motion)
-            if _outrun(limbs, around, motion, desk.gaps, length) > 0.0:
-                shown = True
+            spare, spare_moving = _outrun(limbs, motion, desk.gaps, 0.0)
+            shown, given = spare > 0.0, spare_moving > 0.0
+            if shown and (given or not moving):
                 break
             length *= 0.6
-        if not shown:
-            return False
+        still, moving = still and shown, moving and given
         t += length
-        if t >= whole - 1e-9:
-            return True
+        if not still or t >= whole - 1e-9:
+            break
         if motion.report[3] >= _MOST_LOOKS:
-            return False
+            return False, moving
         motion.report[3] += 1.0
         found = _measure(limbs, around, motion, desk, state, t, period, ceiling)
         motion.report[2] = min(motion.report[2], found)
-        if not found > 0.0:
-            return False
-    return True
+    return still, still and moving

@@ -14,6 +14,7 @@ from workcell.motion.live.kernels.limbs import Limbs
 from workcell.motion.live.kernels.motion import Motion
 from workcell.motion.live.kernels.near import move_obstacles
 from workcell.motion.live.kernels.program import add_row, invert, solve
+from workcell.motion.live.kernels.rows import note_guards
 from workcell.motion.live.kernels.terms import AWARE, Wish, weigh
 from workcell.pose import Array
 
@@ -86,13 +87,13 @@ def _step(
 
 @lean
 def _set_box(limbs: Limbs, desk: Desk, wish: Wish, now: Array, q: Array) -> None:
-    """Where the solution may go in this frame, and q, where the search for it begins: at the last one, going on."""
+    """Where the solution may go in this frame, and q, the last one within that."""
     for k in range(q.shape[0]):
         last, low, high = wish.past[0, k], limbs.bounds[0, k], limbs.bounds[1, k]
         low = min(max(last - desk.windows[0, k], now[k] - desk.windows[1, k], low), high)
         high = min(max(min(last + desk.windows[0, k], now[k] + desk.windows[1, k]), low), high)
         desk.box[0, k], desk.box[1, k] = low, high
-        q[k] = min(max(2.0 * last - wish.past[1, k], low), high)
+        q[k] = min(max(last, low), high)
 
 
 @kernel
@@ -111,13 +112,18 @@ def _relax(
     """See `relax`."""
     q, past = motion.wanted[0], wish.past[0]
     if fresh:
+        motion.used[0] = 0
         _set_box(limbs, desk, wish, motion.now[0], q)
         move_obstacles(around.movers, period)
     look(limbs, around, desk, q, AWARE)
     value, length = weigh(limbs, wish, desk.place, desk.near, q, desk.total), 0.0
+    if fresh:
+        value = _go_on(limbs, around, wish, desk, q, value)
     for _ in range(rounds):
         length = 0.0
         if _step(limbs, around, wish, desk, desk.box[0], desk.box[1], q):
+            motion.used[0] = 0
+            note_guards(motion, desk, 2 * q.shape[0])
             value, length = _go(limbs, around, wish, desk, q, value)
         if length < _SETTLED:
             length = 0.0
@@ -125,6 +131,22 @@ def _relax(
     for k in range(q.shape[0]):
         motion.wanted[1, k] = (q[k] - past[k]) / period
     return length
+
+
+@lean
+def _go_on(limbs: Limbs, around: Surroundings, wish: Wish, desk: Desk, q: Array, value: float) -> float:
+    """Begin where the solution comes to if it moves on as it did, if the sum is smaller there."""
+    for k in range(q.shape[0]):
+        further = 2.0 * wish.past[0, k] - wish.past[1, k]
+        desk.trial[k] = min(max(further, desk.box[0, k]), desk.box[1, k])
+    look(limbs, around, desk, desk.trial, AWARE)
+    trial = weigh(limbs, wish, desk.place, desk.near, desk.trial, desk.total)
+    if trial < value:
+        for k in range(q.shape[0]):
+            q[k] = desk.trial[k]
+        return trial
+    look(limbs, around, desk, q, AWARE)
+    return weigh(limbs, wish, desk.place, desk.near, q, desk.total)
 
 
 @kernel
@@ -154,14 +176,13 @@ def _go(
     for k in range(n):
         desk.slope[k] = desk.program.x[k]
         length = max(length, abs(desk.slope[k]))
-    slack, share, pushed = desk.program.x[n], 1.0, _pushed(desk, n)
+    share, forced = 1.0, _is_forced(desk, n)
     for _ in range(4):
         for k in range(n):
             desk.trial[k] = min(max(q[k] + share * desk.slope[k], desk.box[0, k]), desk.box[1, k])
         look(limbs, around, desk, desk.trial, AWARE)
         trial = weigh(limbs, wish, desk.place, desk.near, desk.trial, desk.total)
-        # a step that rows asked for may make the sum larger
-        if trial <= value + 1e-12 * abs(value) or slack > 1e-6 or (share == 1.0 and pushed):
+        if forced or trial <= value + 1e-12 * abs(value):
             for k in range(n):
                 q[k] = desk.trial[k]
             return trial, length
@@ -172,9 +193,9 @@ def _go(
 
 
 @lean
-def _pushed(desk: Desk, n: int) -> bool:
-    """Whether a row that is no bound of a joint shaped the step."""
-    pushed = False
-    for i in range(desk.program.used[1]):
-        pushed = pushed or desk.program.active[i] >= 2 * n
-    return pushed
+def _is_forced(desk: Desk, n: int) -> bool:
+    """Whether a row that is no bound of a joint asks for a step: something is too near, or a tool too singular."""
+    forced = False
+    for row in range(2 * n, desk.program.used[0]):
+        forced = forced or desk.program.bounds[row] > 1e-9
+    return forced

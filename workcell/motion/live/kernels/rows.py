@@ -13,9 +13,9 @@ from workcell.motion.live.kernels.terms import Wish
 from workcell.motion.live.kernels.windows import aim, end_of
 from workcell.pose import Array
 
-LOOK_OUT = 0.3
+LOOK_OUT = 0.4
 """Metres of clearance to what moves within which a pair is a row."""
-_YIELD = 4.0
+_YIELD = 2.5
 """Per second: what moves may close a gap by this share."""
 _STIFF = 1e4
 """How much stiffer the shared slack of rows is than the stiffest direction of the sum."""

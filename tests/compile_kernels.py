@@ -1,6 +1,6 @@
 """Compiles the kernels that most tests call, one share of them a process, so that no test pays for it twice.
 
-python -m tests.compile_kernels branch | sampling
+python -m tests.compile_kernels branch | sampling | live
 """
 
 from __future__ import annotations
@@ -35,5 +35,14 @@ def sampling() -> None:
     optimise.prepare_optimising()
 
 
+def live() -> None:
+    """Frames of live inverse kinematics."""
+    from workcell.motion.live.live_ik import LiveIK
+    from workcell.world.planning_world import PlanningWorld
+
+    live = LiveIK(PlanningWorld.of("ur5"))
+    live.step(live.robot.fk(live.q))
+
+
 if __name__ == "__main__":
-    {"branch": branch, "sampling": sampling}[sys.argv[1]]()
+    {"branch": branch, "sampling": sampling, "live": live}[sys.argv[1]]()

@@ -17,7 +17,7 @@ def pytest_sessionstart(session):
         return
     command = [sys.executable, "-m", "tests.compile_kernels"]
     root = Path(__file__).parent.parent
-    running = [subprocess.Popen([*command, share], cwd=root) for share in ("branch", "sampling")]
+    running = [subprocess.Popen([*command, share], cwd=root) for share in ("branch", "sampling", "live")]
     for process in running:
         process.wait()
 

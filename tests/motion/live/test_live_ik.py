@@ -97,7 +97,7 @@ def test_a_goal_beyond_a_wall_holds_the_arm_before_it_and_lets_it_go_again(fence
     live = LiveIK(fenced, moving=["ball"])
     judge = CollisionModel(fenced.scene, "arm")
     home = fenced.robot.robot.fk(live.q)
-    beyond = Pose([0.8, 0.1, 0.5], home.quat_wxyz)
+    beyond = Pose(home.position + np.array([0.3, 0.1, 0.1]), home.quat_wxyz)
     steps, states = run(live, [beyond] * 200)
     assert min(judge.distance(step.q).distance for step in steps) > 0.0
     assert steps[-1].status is LiveStatus.HELD
@@ -184,7 +184,7 @@ def test_a_clock_that_stands_or_runs_backwards_or_says_nothing_stops_the_arm(saw
 def test_a_start_at_a_limit_leaves_it(sawyer):
     robot = sawyer.robot.robot
     start = np.array(sawyer.robot.start)
-    start[1] = robot.lower[1]
+    start[5] = robot.upper[5]
     live = LiveIK(sawyer, q_start=start)
     steps, states = run(live, [robot.fk(np.array(sawyer.robot.start))] * 300)
     assert steps[0].guards[0].kind in (GuardKind.POSITION, GuardKind.ACCELERATION)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from workcell.errors import InputError, UnknownNameError
 from workcell.geometry.packing import pack_shapes
@@ -28,6 +28,7 @@ from workcell.motion.live.weights import LOSSES, WEIGHTS_A, Weights
 from workcell.pose import Array, Pose, read_only
 from workcell.world.planning_world import PlanningWorld
 
+Mask = NDArray[np.bool_]
 Solver = Literal["compiled", "slsqp", "mma", "ccsaq", "cobyla", "bobyqa"]
 
 _SAMPLES = 4000
@@ -36,6 +37,10 @@ _ROUNDS = 4
 """Rounds of the weighted sum in a frame."""
 _NEAR = 0.02
 """Metres below which links that are often so near are asked whether they can touch at all."""
+_ASKED = 0.01
+"""Metres below which links that are often so near are told apart by the model, not by spheres."""
+_FEW = 200
+"""Random configurations that tell which links are always near a base."""
 _SHY = 2e-3
 """Metres of clearance to itself at which the collision term of an arm is a quarter, where it is often farther apart."""
 _ROW_ROOM = 3e-3
@@ -134,16 +139,19 @@ class LiveIK:
         self.robot.check_limits(start, where="q_start")
         self._clock = GoalClock(period, stale_s)
         obstacles, pairs = Obstacles.of(self._arms, moving), self._arms.pairs(start, margin)
-        never: set[tuple[int, int]] = set()
-        self._pack(obstacles, pairs, never, start)
+        ignored = obstacles.ignored(self._arms)
+        self._pack(obstacles, pairs, ignored, set(), start)
         gaps = self._sample(singular_share)
-        # links that are always near would hold the arm, where spheres are all that is known of them
-        always = [(int(a), int(b)) for a, b in np.argwhere(gaps < _NEAR) if a < b]
-        if never := never_touch(self._arms, always):
-            links = np.sort(self._arms.cover.link[pairs], axis=1)
-            kept = np.array([(int(a), int(b)) not in never for a, b in links], dtype=bool)
-            self._pack(obstacles, pairs[kept], never, start)
-            gaps = self._sample(singular_share)
+        # links that are always near would hold the arm where spheres are all that is known of them
+        always = {(int(a), int(b)) for a, b in np.argwhere(gaps < _NEAR) if a < b}
+        near_bases = self._near_bases(obstacles)
+        always |= {(0, int(link)) for link in self._arms.cover.link[near_bases.any(axis=1)]}
+        never = never_touch(self._arms, always)
+        asked = {(a, b) for a, b in always if a and gaps[a, b] < _ASKED} | never
+        links = np.sort(self._arms.cover.link[pairs], axis=1)
+        kept = np.array([(int(a), int(b)) not in asked for a, b in links], dtype=bool)
+        self._pack(obstacles, pairs[kept], ignored | near_bases, never, start)
+        gaps = self._sample(singular_share)
         self._limbs.shy[:] = np.clip(0.1 * gaps, 1e-4, _SHY)
         self.least_conditioning = read_only(self.least_conditioning)
         self._weigh(weights)
@@ -153,11 +161,17 @@ class LiveIK:
             self._objective = Objective(self._frame, self._desk.box)
         self._solver = solver
         self.reset(start)
+        # what is not compiled yet is compiled here, and not in a frame
+        self._relax(np.inf)
+        self._guard()
+        self.reset(start)
 
     def _start(self) -> Array:
         return np.concatenate([world.robot.start for world in self._arms.worlds])
 
-    def _pack(self, obstacles: Obstacles, pairs: Index, never: set[tuple[int, int]], start: Array) -> None:
+    def _pack(
+        self, obstacles: Obstacles, pairs: Index, ignored: Mask, never: set[tuple[int, int]], start: Array
+    ) -> None:
         _, _, commit, frame = _kernels()
         self._limbs, row_of = pack_limbs(self.robot, self._arms.tools, self._arms.cover, pairs, self.limits)
         self._movers = MovingObstacles(self._arms.worlds[0].scene, obstacles)
@@ -168,17 +182,18 @@ class LiveIK:
         around = frame.Surroundings(shapes, self._movers.packed, skipped, keep, self.least_conditioning)
         self._wish, mine = (_no_wish(frame.Wish, tools, self.robot.dof) for _ in range(2))
         mine = mine._replace(goals=self._wish.goals, weights=self._wish.weights)
-        self._desk = make_desk(self._limbs, len(obstacles.standing), self.period)
+        self._desk = make_desk(self._limbs, len(obstacles.standing))
         self._motion = make_motion(self._limbs)
         self._past = (self._wish.past, mine.past)
-        self._frame_around = around
         self._frame = frame.make_frame(self._limbs, around, self._wish, mine, self._desk, self._motion)
         gaps = np.zeros(skipped.shape)
         commit.gaps_at(self._frame, start, gaps)
         # what the spheres overlap as the robot begins, or have within the margin, is the cover's overshoot, or in
         # contact: the model itself tells
-        skipped[:] = gaps <= self.margin
         order = np.array(shapes.order)
+        skipped[:] = gaps <= self.margin
+        skipped[row_of] |= ignored[:, order]
+        self._row_of, self._order = row_of, order
         covered = np.ones((len(row_of), len(obstacles.standing)), dtype=np.bool_)
         covered[:, order] = ~skipped[row_of]
         self._truth = Truth(self._arms, obstacles, pairs, covered, never)
@@ -186,15 +201,33 @@ class LiveIK:
         self._goals = GoalReader(self.names, self._frame, self._wish.goals, commit.set_goal)
 
     def _sample(self, share: float) -> Array:
-        """What is rare: below it a tool's conditioning counts as singular; and gaps of links that few are below."""
+        """How near links usually are; conditioning below which few configurations are counts as singular."""
         ratios = np.empty((_SAMPLES, len(self.names)))
         gaps = np.empty((_SAMPLES, *self._limbs.shy.shape))
         draws = self.robot.random_configuration(np.random.default_rng(0), _SAMPLES)
         _kernels()[2].sample(self._frame, draws, ratios, gaps)
         if share > 0:
             self.least_conditioning[:] = np.quantile(ratios, share, axis=0)
-        rare: Array = np.quantile(gaps, 0.05, axis=0)
-        return rare
+        usual: Array = np.median(gaps, axis=0)
+        return usual
+
+    def _near_bases(self, obstacles: Obstacles) -> Mask:
+        """(s, k) spheres of links that are always near a base, and that base's pieces."""
+        cover, based = self._arms.cover, np.flatnonzero(np.array(obstacles.bases, dtype=np.int64) >= 0)
+        near = np.zeros((len(cover), len(obstacles.standing)), dtype=np.bool_)
+        gaps, found = np.empty(near.shape), np.empty((_FEW, self.robot.joint_count + 1, len(based)))
+        packed, links = np.argsort(self._order), np.unique(cover.link)
+        for row, q in zip(
+            found, self.robot.random_configuration(np.random.default_rng(1), _FEW), strict=True
+        ):
+            _kernels()[2].gaps_at(self._frame, q, gaps)
+            here = gaps[self._row_of][:, packed[based]]
+            for link in links:
+                row[link] = here[cover.link == link].min(axis=0, initial=np.inf)
+        for link in links:
+            usual = np.median(found[:, link], axis=0)
+            near[np.ix_(cover.link == link, based)] = usual < _ASKED
+        return near
 
     def _weigh(self, weights: Weights) -> None:
         self._weights = weights
@@ -238,6 +271,7 @@ class LiveIK:
         motion.now[0] = here
         motion.next[:], motion.stop[:] = motion.now, motion.now
         motion.wanted[0], motion.wanted[1] = here, 0.0
+        self._desk.held[0] = 0
         motion.used[0], motion.limited[:], motion.report[:] = 0, 0, 0.0
         for past in self._past:
             past[:] = here
@@ -284,7 +318,7 @@ class LiveIK:
         reason = self._goals.read(goals)
         if stamp is not None or self._clock.heard:
             reason = reason or self._clock.read(stamp)
-        _, guard, commit, _ = _kernels()
+        commit = _kernels()[2]
         motion, timed_out = self._motion, False
         if reason:
             if reason is not NO_GOAL:
@@ -292,11 +326,15 @@ class LiveIK:
             motion.wanted[:] = np.nan
         else:
             timed_out = self._relax(began)
-        guard.guard(self._frame, self.period)
-        refused = self._truth.refuses(self._frame, self._limbs, motion, self.period)
+        refused = self._guard()
         commit.commit(self._frame, refused != "")
         self._movers.advance(self.period)
         return self._report.step(motion, reason, refused, timed_out, time.perf_counter() - began)
+
+    def _guard(self) -> str:
+        """The step that is carried out; by whose distances it is refused, empty: by none."""
+        _kernels()[1].guard(self._frame, self.period)
+        return self._truth.refuses(self._frame, self._limbs, self._motion, self.period)
 
     def _relax(self, began: float) -> bool:
         """The relaxed solution moves on, no farther from the arm than it takes to stop; whether time ran out."""

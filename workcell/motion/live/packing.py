@@ -108,26 +108,37 @@ def levers(robot: Robot, cover: SphereCover) -> Array:
     Row 0 is seen from the world. A point's distance from a joint's axis is at most the way along the links to it, at
     any configuration within the limits.
     """
-    plain = robot.uncoupled
     links, joints = robot.joint_count + 1, robot.joint_count
-    farthest = np.maximum(np.abs(plain.lower), np.abs(plain.upper)) + LIMIT_SLACK
-    farthest = np.where(np.isfinite(farthest), farthest, _ENDLESS)
-    step = np.linalg.norm(plain.joint_xyz, axis=1) + np.where(plain.prismatic, farthest, 0.0)
     radius = np.zeros(links)
     np.maximum.at(radius, cover.link, np.linalg.norm(cover.centre, axis=1) + cover.radius)
-    reach = np.zeros((links, joints))
-    for link in range(1, links):
-        way = radius[link]
-        for joint in reversed(plain.path_to(link)):
-            if joint != link - 1:
-                way += step[_child(plain, joint, link)]
-            reach[link, joint] = 1.0 if plain.prismatic[joint] else way
+    reaches = np.stack([reach(robot, link, radius[link]) for link in range(links)])
     made = np.zeros((links, links, joints))
     for b in range(1, links):
         for a in range(b):
-            between = set(plain.path_to(a)) ^ set(plain.path_to(b))
-            for joint in between:
-                made[a, b, joint] = max(reach[a, joint], reach[b, joint])
+            made[a, b] = between(robot, a, b, reaches[a], reaches[b])
+    return made
+
+
+def reach(robot: Robot, link: int, radius: float) -> Array:
+    """(m,) bounds on how far a radian (or metre) of each joint moves points of a link within a radius of its frame."""
+    plain = robot.uncoupled
+    farthest = np.maximum(np.abs(plain.lower), np.abs(plain.upper)) + LIMIT_SLACK
+    farthest = np.where(np.isfinite(farthest), farthest, _ENDLESS)
+    step = np.linalg.norm(plain.joint_xyz, axis=1) + np.where(plain.prismatic, farthest, 0.0)
+    found, way = np.zeros(robot.joint_count), radius
+    for joint in reversed(plain.path_to(link)):
+        if joint != link - 1:
+            way += step[_child(plain, joint, link)]
+        found[joint] = 1.0 if plain.prismatic[joint] else way
+    return found
+
+
+def between(robot: Robot, a: int, b: int, reach_a: Array, reach_b: Array) -> Array:
+    """(m,) bounds on how far joints move points of link b seen from link a, by the reaches (m,) of both."""
+    plain = robot.uncoupled
+    made = np.zeros(robot.joint_count)
+    for joint in set(plain.path_to(a)) ^ set(plain.path_to(b)):
+        made[joint] = max(reach_a[joint], reach_b[joint])
     return made
 
 
@@ -147,7 +158,7 @@ def pack_movers(pieces: Sequence[Piece]) -> Movers:
     return Movers(rows, faces, moves, rows.copy())
 
 
-def make_desk(limbs: Limbs, shapes: int, period: float) -> Desk:
+def make_desk(limbs: Limbs, shapes: int) -> Desk:
     """Room for the frames of these limbs among some shapes that stand."""
     from workcell.motion.live.kernels.desk import Desk
     from workcell.motion.live.kernels.limbs import Place
@@ -179,14 +190,8 @@ def make_desk(limbs: Limbs, shapes: int, period: float) -> Desk:
     return Desk(
         place, total, near, program, np.empty((n + 1, n + 1)), np.zeros(tools), np.empty((4 + tools, 6 + n)),
         np.empty((small, small)), np.empty((small, small)), np.empty(n), np.empty(n), np.empty((links + 1, links)),
-        np.empty((links + 1, links)), _windows(limbs, period), np.zeros((2, n)),
+        np.empty((links + 1, links)), np.zeros((2, n)), np.zeros(1, dtype=np.int64),
     )  # fmt: skip
-
-
-def _windows(limbs: Limbs, period: float) -> Array:
-    """(2, n) how far the relaxed solution may go in a period, and be from the arm: what it takes to stop."""
-    v, a, j = limbs.rates
-    return np.stack([v * period, v * v / (2.0 * a) + v * a / (2.0 * j) + v * period])
 
 
 def make_motion(limbs: Limbs) -> Motion:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from workcell.errors import InputError, UnknownNameError
 from workcell.geometry.covers.outer import merge_covers
+from workcell.geometry.pieces import pieces_of_bodies
 from workcell.geometry.types import Piece, SphereCover
 from workcell.model.joined import columns, joined_robot
 from workcell.model.labels import body_name
@@ -122,12 +123,14 @@ class Obstacles:
     """Everything that the arms may hit.
 
     Attributes:
-        standing: pieces in the world frame.
+        standing: pieces in the world frame, the robots' bases among them.
+        bases: of each, the robot whose base it is part of, by number; -1: of none.
         moving: pieces of what moves, in the world frame as the scene begins, by mover.
         bodies: id of each mover's root body.
     """
 
     standing: tuple[Piece, ...]
+    bases: tuple[int, ...]
     moving: dict[str, tuple[Piece, ...]]
     bodies: dict[str, int]
 
@@ -155,7 +158,25 @@ class Obstacles:
             for name, group in groups.items()
         }
         gone = {id(piece) for part in parts.values() for piece in part}
-        return Obstacles(tuple(p for p in listed if id(p) not in gone), parts, roots)
+        standing = [p for p in listed if id(p) not in gone]
+        bases = [-1] * len(standing)
+        for arm, world in enumerate(arms.worlds):
+            base = pieces_of_bodies(model, world.robot.link_body_ids[0], scene.initial_qpos())
+            standing += base
+            bases += [arm] * len(base)
+        return Obstacles(tuple(standing), tuple(bases), parts, roots)
+
+    def ignored(self, arms: Arms) -> NDArray[np.bool_]:
+        """(s, k) spheres and standing pieces that may touch: a base, and links that the model lets touch it."""
+        found = np.zeros((len(arms.cover), len(self.standing)), dtype=np.bool_)
+        for arm, (world, first) in enumerate(zip(arms.worlds, arms.first_link, strict=True)):
+            geoms, links = world.collision.pair_geoms, world.collision.pair_links
+            mine = arms.owner == arm
+            for k in np.flatnonzero(np.array(self.bases) == arm):
+                asked = links[(geoms == self.standing[k].geom).any(axis=1)].max(axis=1, initial=0)
+                listed = np.isin(arms.cover.link - first, asked[asked > 0])
+                found[:, k] = mine & ~listed
+        return found
 
 
 def _root(arms: Arms, name: str) -> int:

@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from workcell.model.collision_model import CollisionModel
+from workcell.model.scene_parts import data_at
+from workcell.motion.live.packing import between, reach
 from workcell.motion.live.surroundings import Arms, Obstacles
 from workcell.pose import Array
 
@@ -22,16 +24,16 @@ if TYPE_CHECKING:
     from workcell.motion.live.kernels.motion import Motion
 
 Index = NDArray[np.int64]
-_PARTS = (1, 6)
+_PARTS = (1, 4, 16)
 """Into how many parts a stop is cut, one try after the other."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """The pairs of one robot that the model is asked about, and on which links of all robots their geoms are."""
+    """The pairs of one robot that the model is asked about, and (p, m) how far joints move the geoms of each."""
 
     model: CollisionModel
-    links: Index
+    levers: Array
 
 
 class Truth:
@@ -65,7 +67,7 @@ class Truth:
     @property
     def count(self) -> int:
         """How many pairs of geoms are asked about in every frame."""
-        return sum(len(asked.links) for asked in self._asked)
+        return sum(len(asked.levers) for asked in self._asked)
 
     def _left_open(
         self, arm: int, obstacles: Obstacles, kept: NDArray[np.bool_], covered: NDArray[np.bool_]
@@ -73,32 +75,33 @@ class Truth:
         world = self._arms.worlds[arm]
         parts, of_sphere = self._parts()
         members = {part: np.flatnonzero(of_sphere == part) for part in range(int(parts.max(initial=0)) + 1)}
+        nothing = np.zeros(0, dtype=np.int64)
         geoms = np.array([piece.geom for piece in obstacles.standing], dtype=np.int64)
+        bases = {piece.geom: k for piece, k in zip(obstacles.standing, obstacles.bases, strict=True)}
         moving = {piece.geom for part in obstacles.moving.values() for piece in part}
         shown: dict[tuple[int, int], bool] = {}
         left = []
         for row, (a, b) in enumerate(world.collision.pair_geoms.tolist()):
-            one, other = sorted((int(parts[a]), int(parts[b])), reverse=True)
+            other, one = sorted((int(parts[a]), int(parts[b])))
             if other >= 0:
-                first, second = sorted((self._link(one), self._link(other)))
-                if (first, second) in self._never:
+                if (other, one) in self._never:
                     continue
                 if (one, other) not in shown:
-                    shown[one, other] = bool(kept[np.ix_(members[one], members[other])].all())
+                    spheres = np.ix_(members[one], members[other])
+                    shown[one, other] = bool(kept[spheres].size > 0 and kept[spheres].all())
                 if not shown[one, other]:
                     left.append(row)
                 continue
             still = a if parts[b] == one else b
-            spheres = members[one]
-            if still in moving:
+            if still in moving or (bases.get(still) == arm and (0, one) in self._never):
                 continue
-            pieces = np.flatnonzero(geoms == still)
-            if not (len(pieces) and covered[np.ix_(spheres, pieces)].all()):
+            spheres = np.ix_(members.get(one, nothing), np.flatnonzero(geoms == still))
+            if not (covered[spheres].size > 0 and covered[spheres].all()):
                 left.append(row)
         if not left:
             return None
         smaller = world.collision.only(left)
-        return _Asked(smaller, self._links(smaller.pair_geoms))
+        return _Asked(smaller, self._levers(smaller.pair_geoms))
 
     def _parts(self) -> tuple[Index, Index]:
         """(g,) the part of the robots that each geom belongs to, and (s,) the same for each sphere.
@@ -108,36 +111,47 @@ class Truth:
         model, links = self._arms.worlds[0].scene.model, self._arms.robot.joint_count + 1
         of_body = np.full(model.nbody, -1, dtype=np.int64)
         of_sphere = np.array(self._arms.cover.link)
-        # the robots' bases are parts of their own: link 0 is theirs together
+        # bases are none: they are pieces that stand
+        of_sphere[arms_base := self._arms.cover.link == 0] = -1
         for arm, (world, first) in enumerate(zip(self._arms.worlds, self._arms.first_link, strict=True)):
-            mine = self._arms.owner == arm
+            mine = (self._arms.owner == arm) & ~arms_base
             for link, bodies in enumerate(world.robot.link_body_ids):
-                of_body[list(bodies)] = link + first if link else links + 2 * arm
-            of_sphere[mine & (self._arms.cover.link == 0)] = links + 2 * arm
+                if link:
+                    of_body[list(bodies)] = link + first
             if world.attached is not None:
-                of_body[list(world.scene.object(world.attached[0]).body_ids)] = links + 2 * arm + 1
+                of_body[list(world.scene.object(world.attached[0]).body_ids)] = links + arm
                 names = world.collision.carried_geoms
                 source = self._arms.cover.source
                 held = [k for k in np.flatnonzero(mine) if source and source[k] in names]
-                of_sphere[held] = links + 2 * arm + 1
+                of_sphere[held] = links + arm
         return of_body[model.geom_bodyid], of_sphere
 
-    def _link(self, part: int) -> int:
-        """The link that a part is: bases are link 0; -1 for what a hand holds."""
-        links = self._arms.robot.joint_count + 1
-        return part if part < links else 0 if (part - links) % 2 == 0 else -1
+    def _levers(self, geoms: Index) -> Array:
+        """(p, m) bounds on how far a radian (or metre) of each joint moves the geoms of pairs (p, 2) to each other."""
+        world, robot = self._arms.worlds[0], self._arms.robot
+        model = world.scene.model
+        start = np.concatenate([one.robot.start for one in self._arms.worlds])
+        data = data_at(model, self._qpos(start))
+        owner, frames = self._owners(), robot.link_transforms(start)
+        links = owner[model.geom_bodyid[geoms]]
+        made = np.zeros((len(geoms), robot.joint_count))
+        for row, (pair, of) in enumerate(zip(geoms, links, strict=True)):
+            # a ball around the geom, about the frame of its link
+            away = np.linalg.norm(data.geom_xpos[pair] - frames[of, :3, 3], axis=1) + model.geom_rbound[pair]
+            reaches = [reach(robot, int(of[k]), float(away[k])) if of[k] else made[0] * 0.0 for k in range(2)]
+            made[row] = between(robot, int(of[0]), int(of[1]), reaches[0], reaches[1])
+        return made
 
-    def _links(self, geoms: Index) -> Index:
-        """(p, 2) links of all robots' tree that carry pairs of geoms, the lower first; 0 for what stands."""
-        model = self._arms.worlds[0].scene.model
-        owner = np.zeros(model.nbody, dtype=np.int64)
+    def _owners(self) -> Index:
+        """(b,) links of all robots' tree that carry each body; 0 for what stands."""
+        owner = np.zeros(self._arms.worlds[0].scene.model.nbody, dtype=np.int64)
         for world, first in zip(self._arms.worlds, self._arms.first_link, strict=True):
             for link, bodies in enumerate(world.robot.link_body_ids):
                 owner[list(bodies)] = link + first if link else 0
             if world.attached is not None:
                 held = world.scene.object(world.attached[0]).body_ids
                 owner[list(held)] = world.robot.robot.tool().link + first
-        return np.sort(owner[model.geom_bodyid[geoms]], axis=1)
+        return owner
 
     def distance(self, q: Array) -> tuple[float, str]:
         """The smallest distance of what is asked about at q (n,), and whose; inf where nothing is."""
@@ -161,7 +175,7 @@ class Truth:
         for parts in _PARTS:
             q, drifts = np.empty((parts, motion.end.size)), np.empty((parts, limbs.levers.shape[2]))
             kernels.along_stop(frame, period, q, drifts)
-            refused = self._not_shown(q, drifts, limbs)
+            refused = self._not_shown(q, drifts)
             if not refused:
                 return ""
         here = self.distance(motion.now[0])[0]
@@ -169,11 +183,11 @@ class Truth:
             return ""  # on its way out of a contact
         return refused
 
-    def _not_shown(self, q: Array, drifts: Array, limbs: Limbs) -> str:
+    def _not_shown(self, q: Array, drifts: Array) -> str:
         for here, drift in zip(q, drifts, strict=True):
             qpos = self._qpos(here)
             for asked in self._asked:
-                moved = limbs.levers[asked.links[:, 0], asked.links[:, 1]] @ drift
+                moved = asked.levers @ drift
                 excess, nearest = asked.model.excess_at(qpos, moved)
                 if not excess > 0.0:
                     return " and ".join(nearest.pair)

@@ -39,8 +39,8 @@ class Desk(NamedTuple):
 
     Attributes:
         ratio: (k,) each tool's conditioning where the arm is.
-        windows: (2, n) how far the relaxed solution may go in a period, and be from the arm.
-        box: (2, n) where it may be in this frame.
+        box: (2, n) where the relaxed solution may be in this frame.
+        held: (1,) for how many frames the arm has been held.
     """
 
     place: Place
@@ -56,8 +56,8 @@ class Desk(NamedTuple):
     trial: Array
     gaps: Array
     gaps_then: Array
-    windows: Array
     box: Array
+    held: NDArray[np.int64]
 
 
 @lean

@@ -22,6 +22,8 @@ _SLACK = 1e4
 """How much stiffer the shared slack of soft rows is than the stiffest direction of the sum."""
 _SETTLED = 1e-4
 """Radians of a step below which a frame is settled: what is left is a thousandth of it, and less."""
+_HARDLY, _FAR, _PATIENT = 0.03, 0.05, 10
+"""Share of its fastest at which an arm is held, radians from its solution, and frames after which that follows it."""
 
 
 @lean
@@ -86,14 +88,39 @@ def _step(
 
 
 @lean
-def _set_box(limbs: Limbs, desk: Desk, wish: Wish, now: Array, q: Array) -> None:
-    """Where the solution may go in this frame, and q, the last one within that."""
+def _set_box(limbs: Limbs, desk: Desk, wish: Wish, now: Array, period: float, q: Array) -> None:
+    """Where the solution may go in this frame, and q, the last one within that.
+
+    It keeps within the velocity limits (Eq. 8), and is no farther from the arm than it takes to stop.
+    """
+    _follow_a_held_arm(limbs, desk, wish, now)
     for k in range(q.shape[0]):
         last, low, high = wish.past[0, k], limbs.bounds[0, k], limbs.bounds[1, k]
-        low = min(max(last - desk.windows[0, k], now[k] - desk.windows[1, k], low), high)
-        high = min(max(min(last + desk.windows[0, k], now[k] + desk.windows[1, k]), low), high)
+        v, a, j = limbs.rates[0, k], limbs.rates[1, k], limbs.rates[2, k]
+        ahead = v * v / (2.0 * a) + v * a / (2.0 * j) + v * period
+        low = min(max(last - v * period, now[0, k] - ahead, low), high)
+        high = min(max(min(last + v * period, now[0, k] + ahead), low), high)
         desk.box[0, k], desk.box[1, k] = low, high
         q[k] = min(max(last, low), high)
+
+
+@lean
+def _follow_a_held_arm(limbs: Limbs, desk: Desk, wish: Wish, now: Array) -> None:
+    """Where the arm has hardly moved for some frames, far from its solution, this begins anew where the arm is.
+
+    The way of the solution may lead around what the straight way of the arm does not.
+    """
+    n, rests, far = now.shape[1], True, False
+    for k in range(n):
+        rests = rests and abs(now[1, k]) <= _HARDLY * limbs.rates[0, k]
+        far = far or abs(wish.past[0, k] - now[0, k]) > _FAR
+    desk.held[0] = desk.held[0] + 1 if rests and far else 0
+    if desk.held[0] < _PATIENT:
+        return
+    desk.held[0] = 0
+    for k in range(n):
+        for r in range(wish.past.shape[0]):
+            wish.past[r, k] = now[0, k]
 
 
 @kernel
@@ -113,7 +140,7 @@ def _relax(
     q, past = motion.wanted[0], wish.past[0]
     if fresh:
         motion.used[0] = 0
-        _set_box(limbs, desk, wish, motion.now[0], q)
+        _set_box(limbs, desk, wish, motion.now, period, q)
         move_obstacles(around.movers, period)
     look(limbs, around, desk, q, AWARE)
     value, length = weigh(limbs, wish, desk.place, desk.near, q, desk.total), 0.0

@@ -22,8 +22,6 @@ from workcell.simulate.live.solver import GoalSource
 if TYPE_CHECKING:
     import mujoco
 
-    from workcell.simulate.simulation import Simulation
-
 HOW = "double-click a target, then Ctrl and drag: right button to move it, left button to turn it"
 _FRAME_S = 1.0 / 60.0
 _DRAGGED = 1e-9
@@ -47,6 +45,20 @@ class Window(Protocol):
 
     def close(self) -> None:
         """End it."""
+        ...
+
+
+class Running(Protocol):
+    """What a window shows of a simulation."""
+
+    @property
+    def time(self) -> float:
+        """Seconds."""
+        ...
+
+    @property
+    def qpos(self) -> Array:
+        """(nq,) where everything is."""
         ...
 
 
@@ -145,7 +157,7 @@ class LiveView:
 
         return told
 
-    def watch(self, simulation: Simulation) -> Callable[[], bool]:
+    def watch(self, simulation: Running) -> Callable[[], bool]:
         """What is to be called after every tick: shows it in time, and says whether the window is still open."""
 
         def tick() -> bool:

@@ -67,7 +67,7 @@ def _farthest_drift(limbs: Limbs, motion: Motion) -> float:
 
 @lean
 def _outrun(limbs: Limbs, motion: Motion, gaps: Array, moved: float) -> tuple[float, float]:
-    """The least gaps (as `link_gaps` has them) less how far links drift: to what stands and to itself, to what moves.
+    """Least gaps (as `link_gaps` has them) less how far links drift: to what stands and itself, to what moves.
 
     What moves does so by `moved` metres at most.
     """

@@ -244,7 +244,8 @@ def test_frames_keep_no_memory(sawyer):
         gc.collect()
         held.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
-    assert held[3] - held[2] < 2000
+    # one step that is kept has 600 bytes and more
+    assert (held[3] - held[2]) / len(goals) < 60
 
 
 @pytest.mark.parametrize(

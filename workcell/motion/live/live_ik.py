@@ -320,6 +320,7 @@ class LiveIK:
             reason = reason or self._clock.read(stamp)
         commit = _kernels()[2]
         motion, timed_out = self._motion, False
+        self._movers.catch_up()
         if reason:
             if reason is not NO_GOAL:
                 self._goals.forget()

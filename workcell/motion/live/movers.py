@@ -59,7 +59,7 @@ class MovingObstacles:
             v = (pose.position - before.position) / period
         if w is None:
             w = rotation_vector(pose.rotation @ before.rotation.T) / period
-        mover.told = pose
+        mover.told, mover.ahead = pose, 0.0
         self.packed.moves[mover.rows, :3], self.packed.moves[mover.rows, 3:6] = v, w
         self._put(mover, pose)
 
@@ -71,11 +71,19 @@ class MovingObstacles:
             row[1:4] = pose.rotation @ mover.local[k, 9:] + pose.position
 
     def advance(self, period: float) -> None:
-        """A tick goes by: what is not placed again moves on as it was said to move."""
+        """A tick goes by: what is not placed again moves on as it was said to move (see `catch_up`)."""
         for mover in self._movers.values():
-            if mover.rows.start == mover.rows.stop or not self.packed.moves[mover.rows.start, :6].any():
+            mover.ahead += period
+
+    def catch_up(self) -> None:
+        """Bring what was not placed again to where it has moved."""
+        for mover in self._movers.values():
+            period, mover.ahead = mover.ahead, 0.0
+            if period == 0.0 or mover.rows.start == mover.rows.stop:
                 continue
             v, w = self.packed.moves[mover.rows.start, :3], self.packed.moves[mover.rows.start, 3:6]
+            if not (v.any() or w.any()):
+                continue
             angle = float(np.linalg.norm(w))
             turn = axis_angle_to_matrix(w / angle, angle * period) if angle > 0 else np.eye(3)
             self._put(mover, Pose.from_rotation(mover.pose.position + period * v, turn @ mover.pose.rotation))

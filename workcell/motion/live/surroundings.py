@@ -206,9 +206,11 @@ class Mover:
         rows: which rows of the packed movers are its pieces.
         local: (r, 12) rotation (9) and position of each row in the frame of its root body.
         pose: where that body is; told: where it was last said to be, None: not yet.
+        ahead: seconds that it has moved on since, which are not in the rows yet.
     """
 
     rows: slice
     local: Array
     pose: Pose
     told: Pose | None = None
+    ahead: float = 0.0

@@ -80,19 +80,7 @@ def run_task(
     stream = _stream_of(scene, trace)
     folder = Path(out) if out is not None else Path("runs") / path.stem
     name = scene.name
-    summary: dict[str, Any] = {
-        "task": name,
-        "robot": _whose(scene),
-        "planner": planner,
-        "controller": controller,
-        "seed": seed,
-        "achieved": False,
-        "status": "INTERRUPTED",
-        "sentence": "The run was interrupted.",
-        "planning_s": 0.0,
-        "min_clearance_m": None,
-        "max_tracking_error_m": None,
-    }
+    summary = _summary_of(scene, planner, controller, seed)
     recording_path, summary_path = folder / f"{name}.rrd", folder / f"{name}.json"
     check_writable(recording_path)
     check_writable(summary_path)
@@ -140,6 +128,23 @@ def run_task(
         recording_path,
         summary_path,
     )
+
+
+def _summary_of(scene: Scene, planner: str, controller: str, seed: int) -> dict[str, Any]:
+    """What a run says of itself, as long as it has not ended."""
+    return {
+        "task": scene.name,
+        "robot": _whose(scene),
+        "planner": planner,
+        "controller": controller,
+        "seed": seed,
+        "achieved": False,
+        "status": "INTERRUPTED",
+        "sentence": "The run was interrupted.",
+        "planning_s": 0.0,
+        "min_clearance_m": None,
+        "max_tracking_error_m": None,
+    }
 
 
 def _stream_of(scene: Scene, trace: str | Path | None) -> GoalStream | None:

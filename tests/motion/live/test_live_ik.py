@@ -160,11 +160,11 @@ def test_without_a_goal_the_arm_comes_to_rest(sawyer, goal):
     run(live, circle(sawyer.robot.robot.fk(live.q))[:40])
     assert np.abs(live.qd).max() > 0.01
     asked = {"none": None, "nothing for the arm": {live.names[0]: None}, "weightless": {}}[goal]
-    steps, states = run(live, [asked] * 60)
+    steps, states = run(live, [asked] * 120)
     assert_within_limits(live, states, live.period)
     assert {step.status for step in steps} == {LiveStatus.NO_GOAL}
     assert steps[0].reason
-    assert np.abs(live.qd).max() == pytest.approx(0.0, abs=1e-6)
+    assert np.abs(live.qd).max() == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -189,6 +189,28 @@ def test_a_start_at_a_limit_leaves_it(sawyer):
     steps, states = run(live, [robot.fk(np.array(sawyer.robot.start))] * 300)
     assert steps[0].guards[0].kind in (GuardKind.POSITION, GuardKind.ACCELERATION)
     assert_within_limits(live, states, live.period)
+    assert steps[-1].position_error[0] < 1e-3
+
+
+@pytest.mark.xfail(
+    strict=True, reason="the arm creeps along the wall: the way to its solution is not straight"
+)
+def test_where_the_solution_is_around_a_corner_the_arm_rests(fenced):
+    live = LiveIK(fenced, moving=["ball"])
+    home = fenced.robot.robot.fk(live.q)
+    steps, _ = run(live, [Pose([0.8, 0.1, 0.5], home.quat_wxyz)] * 200)
+    assert steps[-1].status is LiveStatus.HELD
+
+
+@pytest.mark.xfail(
+    strict=True, reason="the arm swings near a singularity, where both programs' rows disagree"
+)
+def test_a_start_at_the_shoulder_s_limit_leaves_it(sawyer):
+    robot = sawyer.robot.robot
+    start = np.array(sawyer.robot.start)
+    start[1] = robot.lower[1]
+    live = LiveIK(sawyer, q_start=start)
+    steps, _ = run(live, [robot.fk(np.array(sawyer.robot.start))] * 300)
     assert steps[-1].position_error[0] < 1e-3
 
 
@@ -238,14 +260,14 @@ def test_frames_keep_no_memory(sawyer):
     goals = circle(sawyer.robot.robot.fk(live.q))
     held = []
     tracemalloc.start()
-    for _ in range(4):
+    for _ in range(16):
         for goal in goals:
             live.step(goal)
         gc.collect()
         held.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
-    # one step that is kept has 600 bytes and more
-    assert (held[3] - held[2]) / len(goals) < 60
+    # the interpreter's store of small arrays fills up over some laps; what frames kept would grow in every one
+    assert np.diff(held).min() < len(goals)
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,8 @@ class LiveIK:
     """Inverse kinematics in the loop for one or several robots of a scene.
 
     Every call of `step` is one control tick. It answers with a state within all limits from which the arms can come to
-    rest clear of everything, whatever the goal is. Nothing is trained: what a frame needs is packed once.
+    rest clear of all that stands and of themselves, whatever the goal is; to what moves they give way. Nothing is
+    trained: what a frame needs is packed once.
 
     Args:
         worlds: what the robots' planners see (`PlanningWorld.of`, `.holding`), one a robot, of one scene.

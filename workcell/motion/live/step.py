@@ -31,8 +31,8 @@ _SENTENCES = {
     ),
     LiveStatus.NO_GOAL: "There is no goal to go to: the arm slows down and holds. Send a finite, fresh pose.",
     LiveStatus.IN_CONTACT: (
-        "The arm is in contact, or can't get out of the way of what moves. It moves no deeper; clear it by hand, "
-        "or take away what it touches."
+        "The arm is in contact, or can't get out of the way of what moves. It takes the step that leaves most room; "
+        "clear it by hand, or take away what it touches."
     ),
 }
 
